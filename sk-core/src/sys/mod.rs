@@ -1,0 +1,1 @@
+//! The only place with system calls and the only place with `unsafe`.

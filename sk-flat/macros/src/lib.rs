@@ -1,0 +1,2 @@
+//! `derive(SkVariant)`.
+#![forbid(unsafe_code)]

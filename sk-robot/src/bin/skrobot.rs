@@ -1,0 +1,3 @@
+//! The hub's binary.
+#![forbid(unsafe_code)]
+fn main() {}

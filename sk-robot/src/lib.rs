@@ -1,0 +1,2 @@
+//! SkRobot: the hub, assembled from modules.
+#![forbid(unsafe_code)]
