@@ -1,0 +1,33 @@
+//! The event loop: one per thread, pulsing.
+
+mod app;
+mod burial;
+mod cx;
+mod dispatch;
+mod histogram;
+mod messages;
+mod poll;
+mod pulse;
+mod settings;
+mod sk_event_loop;
+mod stats;
+mod timer;
+mod wait;
+mod work;
+mod zone;
+
+pub use app::{Run, SkApp, SkAppBuilder};
+pub use cx::{Cx, Spawner};
+pub use histogram::{Distribution, Histogram};
+pub(crate) use poll::Dispatch;
+pub use pulse::Pulse;
+pub use settings::{
+    AfterFailure, LoopSettings, Overrun, RealtimeWishes, SettingsError, TimingMode, INTERVAL_DEFAULT,
+    SLOW_INTERVAL_DEFAULT,
+};
+pub use sk_event_loop::{Failure, Overload, Reason, SkEventLoop, Watch};
+pub use stats::{Counters, LoopStats, Step};
+pub use timer::Timer;
+pub use wait::Plan;
+pub use work::WorkError;
+pub use zone::Zone;

@@ -1,0 +1,166 @@
+//! The loop as an object: what it has to say to others, as signals.
+
+use crate::Cx;
+use crate::eventloop::Step;
+use crate::object::ObjectId;
+use crate::signal::Signal;
+use crate::world::OsSignal;
+use std::time::Duration;
+
+/// The loop as an object: `cx.event_loop()`. Its signals are emitted at the end of a round.
+#[derive(Debug, Default)]
+pub struct SkEventLoop {
+    /// A round took longer than an interval; carries how many ticks were missed since the last time.
+    pub overrun: Signal<u64>,
+    /// The work of a round took more than 80 % of the interval: once per episode.
+    pub overloaded: Signal<Overload>,
+    /// A slot answered `Err` or panicked.
+    pub slot_failed: Signal<Failure>,
+    /// A queue or mailbox was full and a call was refused: once per episode.
+    pub mailbox_full: Signal<()>,
+    /// An object of this loop was buried.
+    pub buried: Signal<(ObjectId, Reason)>,
+    /// The operating system sent SIGINT or SIGTERM. Only the application's main loop hears these. If nobody
+    /// listens, the application ends.
+    pub os_signal: Signal<OsSignal>,
+}
+
+crate::object! {
+    pub SkEventLoop {
+        signals {
+            overrun(u64)
+            overloaded(&Overload)
+            slot_failed(&Failure)
+            mailbox_full()
+            buried(ObjectId, Reason)
+            os_signal(OsSignal)
+        }
+    }
+}
+
+/// Waits for the burial of one object: `cx.watch(id)`. It buries itself afterwards.
+#[derive(Debug, Default)]
+pub struct Watch {
+    /// The object was buried.
+    pub buried: Signal<(ObjectId, Reason)>,
+}
+
+crate::object! { pub Watch { signals { buried(ObjectId, Reason) } } }
+
+/// Why an object was buried.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Reason {
+    /// `destroy_later` named it.
+    Asked,
+    /// An ancestor of it was buried.
+    Parent,
+    /// Its slot failed and the policy was to destroy it.
+    Failed,
+    /// Its loop ended.
+    LoopEnd,
+}
+
+/// A slot that failed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Failure {
+    /// The object.
+    pub object: ObjectId,
+    /// Its path.
+    pub path: String,
+    /// Its class.
+    pub class: &'static str,
+    /// The slot.
+    pub slot: &'static str,
+    /// What the slot's error or panic says.
+    pub message: String,
+    /// Whether it panicked.
+    pub panicked: bool,
+    /// After a panic: the calls it came through, outermost first, as `path.slot`.
+    pub chain: Vec<String>,
+    /// After a panic: how many further slots of the same emits did not run.
+    pub skipped: u64,
+}
+
+/// A loop whose work takes nearly all of its interval.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Overload {
+    /// The work of the round.
+    pub job_time: Duration,
+    /// The interval it has.
+    pub interval: Duration,
+    /// The step that took most of it.
+    pub step: Step,
+    /// The slot that took longest, with its own time; none if nothing could be timed in this episode.
+    pub culprit: Option<Culprit>,
+}
+
+/// The slot that took longest.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Culprit {
+    /// The object.
+    pub object: ObjectId,
+    /// Its path.
+    pub path: String,
+    /// The slot, as `Class.slot`.
+    pub slot: String,
+    /// Its own time, without that of the slots it called.
+    pub time: Duration,
+}
+
+impl std::fmt::Display for Overload {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "a round took {:?} of an interval of {:?}, most of it in step {:?}", self.job_time, self.interval, self.step)?;
+        match &self.culprit {
+            Some(culprit) => write!(f, "; {} of {} took {:?}", culprit.slot, culprit.path, culprit.time),
+            None => Ok(()),
+        }
+    }
+}
+
+/// What the loop has to say at the end of a round.
+pub(crate) enum News {
+    Overrun(u64),
+    Overloaded(Overload),
+    SlotFailed(Failure),
+    MailboxFull,
+    Buried(ObjectId, Reason),
+    OsSignal(OsSignal),
+}
+
+impl Cx {
+    /// Step 10's end: signals of the loop itself.
+    pub(crate) fn tell_news(&mut self) {
+        for _ in 0..self.news.len() {
+            let Some(news) = self.news.pop_front() else { return };
+            let object = self.own.event_loop;
+            match news {
+                News::Overrun(missed) => self.emit_own(object, |l| &l.overrun, &missed),
+                News::Overloaded(overload) => self.emit_own(object, |l| &l.overloaded, &overload),
+                News::SlotFailed(failure) => self.emit_own(object, |l| &l.slot_failed, &failure),
+                News::MailboxFull => self.emit_own(object, |l| &l.mailbox_full, &()),
+                News::Buried(id, reason) => self.tell_buried(id, reason),
+                News::OsSignal(signal) => self.tell_os_signal(signal),
+            }
+        }
+    }
+
+    fn tell_buried(&mut self, id: ObjectId, reason: Reason) {
+        let object = self.own.event_loop;
+        self.emit_own(object, |l| &l.buried, &(id, reason));
+        for watch in self.watches.remove(&id).unwrap_or_default() {
+            self.emit_own(watch, |w| &w.buried, &(id, reason));
+            self.destroy_later(watch);
+        }
+    }
+
+    fn tell_os_signal(&mut self, signal: OsSignal) {
+        let object = self.own.event_loop;
+        let heard = self.with(object, |l, _| l.os_signal.listeners() > 0);
+        if heard == Ok(true) && !self.quitting {
+            self.emit_own(object, |l| &l.os_signal, &signal);
+        } else {
+            tracing::info!(?signal, "ending");
+            self.quit();
+        }
+    }
+}

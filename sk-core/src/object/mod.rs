@@ -1,0 +1,14 @@
+//! Objects: plain structs owned by their loop's table, named by handles, standing in trees.
+
+mod handle;
+mod macros;
+mod meta;
+mod node;
+mod table;
+
+pub use handle::{Access, Handle, Here, ObjectId, Place};
+pub use meta::{Address, Class, Itself, MetaError, Project, SkObject, Through};
+pub use node::Node;
+pub(crate) use node::{AnyNode, DEFERRED, Header, MARKED, WAITING};
+pub use table::NameError;
+pub(crate) use table::{Placement, Table};

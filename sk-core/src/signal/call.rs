@@ -1,0 +1,149 @@
+//! The call of one slot of one object: the hot path from `emit` to the user's method.
+
+use crate::Cx;
+use crate::object::{Header, MARKED, Node, ObjectId, Project, SkObject, WAITING};
+use crate::signal::{SlotFor, SlotMeta, SlotTag};
+use std::any::{Any, TypeId};
+use std::marker::PhantomData;
+use std::rc::Rc;
+
+/// An `Rc<dyn Call<A>>` of an `A` that the asker knows.
+#[doc(hidden)]
+pub type Bound = Box<dyn Any>;
+
+/// What became of a call.
+#[doc(hidden)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reached {
+    /// The slot ran.
+    Ran,
+    /// The object's lease is taken, or calls wait for it: park this one.
+    Busy,
+    /// The object is marked or buried.
+    Gone,
+}
+
+/// A slot bound to an object, called with an `A`.
+#[doc(hidden)]
+pub trait Call<A: ?Sized> {
+    /// `allowed`: states of the object in which the call goes through all the same.
+    fn call(&self, cx: &mut Cx, args: &A, allowed: u8) -> Reached;
+    fn header(&self) -> &Header;
+    fn slot(&self) -> &'static SlotMeta;
+    fn target(&self) -> ObjectId {
+        self.header().id
+    }
+    /// Whether the object is buried, so that the link is only a shell.
+    fn is_shell(&self) -> bool;
+}
+
+/// The slot `S` of the object in `node`, or of the base that `P` leads to.
+#[doc(hidden)]
+pub struct BoundSlot<O, P, S> {
+    node: Rc<Node<O>>,
+    way: PhantomData<fn() -> (P, S)>,
+}
+
+impl<A, O, P, S> Call<A> for BoundSlot<O, P, S>
+where
+    A: ?Sized,
+    O: SkObject,
+    S: SlotFor<A>,
+    P: Project<O, S::Object>,
+{
+    #[inline]
+    fn call(&self, cx: &mut Cx, args: &A, allowed: u8) -> Reached {
+        let node = &*self.node;
+        let hindered = node.header.state.get() & (MARKED | WAITING) & !allowed;
+        if hindered != 0 {
+            return if hindered & MARKED != 0 { Reached::Gone } else { Reached::Busy };
+        }
+        let Ok(mut lease) = node.value.try_borrow_mut() else { return Reached::Busy };
+        let Some(object) = lease.as_mut() else { return Reached::Gone };
+        cx.enter(node.header.id, S::META);
+        if let Err(message) = S::invoke(P::project(object), cx, args) {
+            cx.slot_failed(message);
+        }
+        drop(lease);
+        if node.header.has(WAITING) {
+            cx.drain_waiting(&node.header);
+        }
+        Reached::Ran
+    }
+
+    fn header(&self) -> &Header {
+        &self.node.header
+    }
+
+    fn slot(&self) -> &'static SlotMeta {
+        S::META
+    }
+
+    fn is_shell(&self) -> bool {
+        self.node.value.try_borrow().is_ok_and(|value| value.is_none())
+    }
+}
+
+fn bound<A, O, P, S>(node: &Rc<Node<O>>) -> Bound
+where
+    A: ?Sized + 'static,
+    O: SkObject,
+    S: SlotFor<A>,
+    P: Project<O, S::Object>,
+{
+    let call: Rc<dyn Call<A>> = Rc::new(BoundSlot::<O, P, S> { node: node.clone(), way: PhantomData });
+    Box::new(call)
+}
+
+/// Binds a slot that takes its arguments as they are owned.
+#[doc(hidden)]
+pub fn bind_exact<O, P, S>(node: &Rc<Node<O>>, args: TypeId) -> Option<Bound>
+where
+    O: SkObject,
+    S: SlotFor<<S as SlotTag>::Args>,
+    P: Project<O, S::Object>,
+{
+    (args == TypeId::of::<S::Args>()).then(|| bound::<S::Args, O, P, S>(node))
+}
+
+/// Binds a slot that borrows its one argument: a signal may carry it borrowed or owned.
+#[doc(hidden)]
+pub fn bind_ref<R, O, P, S>(node: &Rc<Node<O>>, args: TypeId) -> Option<Bound>
+where
+    R: ?Sized + ToOwned + 'static,
+    R::Owned: 'static,
+    O: SkObject,
+    S: SlotFor<R> + SlotFor<R::Owned>,
+    P: Project<O, S::Object>,
+{
+    if args == TypeId::of::<R>() {
+        Some(bound::<R, O, P, S>(node))
+    } else if args == TypeId::of::<R::Owned>() {
+        Some(bound::<R::Owned, O, P, S>(node))
+    } else {
+        None
+    }
+}
+
+/// Binds a slot that takes one `String`: a signal may carry it as a `str`.
+#[doc(hidden)]
+pub fn bind_str<O, P, S>(node: &Rc<Node<O>>, args: TypeId) -> Option<Bound>
+where
+    O: SkObject,
+    S: SlotFor<str> + SlotFor<String>,
+    P: Project<O, S::Object>,
+{
+    bind_ref::<str, O, P, S>(node, args)
+}
+
+/// Binds a slot that takes one `Vec`: a signal may carry it as a slice.
+#[doc(hidden)]
+pub fn bind_slice<T, O, P, S>(node: &Rc<Node<O>>, args: TypeId) -> Option<Bound>
+where
+    T: Clone + 'static,
+    O: SkObject,
+    S: SlotFor<[T]> + SlotFor<Vec<T>>,
+    P: Project<O, S::Object>,
+{
+    bind_ref::<[T], O, P, S>(node, args)
+}

@@ -1,0 +1,232 @@
+//! One link of a signal: to whom, how, and what waits on it.
+
+use crate::Cx;
+use crate::object::{MARKED, ObjectId, WAITING};
+use crate::signal::{Call, Delivery, LinkKey, Mode, Reached, SlotMeta};
+use crate::thread::RemoteSend;
+use std::borrow::Borrow;
+use std::cell::{Cell, RefCell};
+use std::collections::VecDeque;
+use std::rc::Rc;
+
+/// A link's own queue gives its room back when it runs empty above this capacity.
+const QUEUE_KEPT_MAX: usize = 64;
+
+pub(crate) struct Link<A: ?Sized + ToOwned> {
+    pub key: LinkKey,
+    pub kind: Kind<A>,
+}
+
+pub(crate) enum Kind<A: ?Sized + ToOwned> {
+    /// The hot one: nothing between it and the slot.
+    Direct(Rc<dyn Call<A>>),
+    /// Everything else on this thread.
+    Kept(Rc<Kept<A>>),
+    /// To another thread.
+    Remote(Rc<dyn RemoteSend<A>>),
+}
+
+impl<A: ?Sized + ToOwned> Clone for Link<A> {
+    fn clone(&self) -> Self {
+        let kind = match &self.kind {
+            Kind::Direct(call) => Kind::Direct(call.clone()),
+            Kind::Kept(kept) => Kind::Kept(kept.clone()),
+            Kind::Remote(remote) => Kind::Remote(remote.clone()),
+        };
+        Link { key: self.key, kind }
+    }
+}
+
+/// The links of a signal, in the order they were attached. Frozen from rewire to rewire.
+pub(crate) struct Links<A: ?Sized + ToOwned>(pub Vec<Link<A>>);
+
+/// A link that is queued, or spent after one call, or both.
+pub(crate) struct Kept<A: ?Sized + ToOwned> {
+    pub call: Rc<dyn Call<A>>,
+    pub mode: Mode,
+    pub spent: Cell<bool>,
+    /// Arguments of the calls that wait, oldest first: a queued call needs no box of its own.
+    waiting: RefCell<VecDeque<A::Owned>>,
+}
+
+impl<A: ?Sized + ToOwned + 'static> Kept<A> {
+    pub(crate) fn new(call: Rc<dyn Call<A>>, mode: Mode) -> Rc<Kept<A>> {
+        Rc::new(Kept { call, mode, spent: Cell::new(false), waiting: RefCell::new(VecDeque::new()) })
+    }
+
+    fn emit(self: &Rc<Self>, cx: &mut Cx, args: &A) {
+        if self.mode.once {
+            if self.spent.replace(true) {
+                return;
+            }
+            cx.note_spent_link();
+        }
+        match self.mode.delivery {
+            Delivery::Direct => call_directly(&self.call, cx, args),
+            Delivery::Queued => self.queue(cx, args),
+            Delivery::Latest => {
+                let mut waiting = self.waiting.borrow_mut();
+                if let Some(older) = waiting.front_mut() {
+                    *older = args.to_owned();
+                    cx.counters.replaced += 1;
+                    return;
+                }
+                drop(waiting);
+                self.queue(cx, args);
+            }
+        }
+    }
+
+    fn queue(self: &Rc<Self>, cx: &mut Cx, args: &A) {
+        if self.call.header().has(MARKED) {
+            cx.counters.gone += 1;
+            return;
+        }
+        if cx.queue_has_room() {
+            self.waiting.borrow_mut().push_back(args.to_owned());
+            cx.queue_link(self.clone());
+        }
+    }
+}
+
+impl<A: ?Sized + ToOwned> Link<A> {
+    /// Whether the link will never call again: spent, or its receiver is buried.
+    pub(crate) fn is_dead(&self) -> bool {
+        match &self.kind {
+            Kind::Direct(call) => call.is_shell(),
+            Kind::Kept(kept) => kept.spent.get() || kept.call.is_shell(),
+            Kind::Remote(remote) => remote.is_closed(),
+        }
+    }
+
+    pub(crate) fn mode(&self) -> Mode {
+        match &self.kind {
+            Kind::Direct(_) => Mode::Direct,
+            Kind::Kept(kept) => kept.mode,
+            Kind::Remote(remote) => remote.mode(),
+        }
+    }
+
+    pub(crate) fn slot(&self) -> &'static SlotMeta {
+        match &self.kind {
+            Kind::Direct(call) => call.slot(),
+            Kind::Kept(kept) => kept.call.slot(),
+            Kind::Remote(remote) => remote.slot(),
+        }
+    }
+}
+
+impl<A: ?Sized + ToOwned + 'static> Link<A> {
+    /// What is not the hot case.
+    #[inline(never)]
+    pub(crate) fn emit_kept(&self, cx: &mut Cx, args: &A) {
+        match &self.kind {
+            Kind::Direct(call) => call_directly(call, cx, args),
+            Kind::Kept(kept) => kept.emit(cx, args),
+            Kind::Remote(remote) => remote.send(cx, args),
+        }
+    }
+
+    /// Beyond the depth limit a direct call becomes a queued one.
+    pub(crate) fn emit_flat(&self, cx: &mut Cx, args: &A) {
+        match &self.kind {
+            Kind::Direct(call) => put_off(call, cx, args),
+            Kind::Kept(kept) if kept.mode.delivery == Delivery::Direct => {
+                if !(kept.mode.once && kept.spent.replace(true)) {
+                    cx.note_spent_link();
+                    put_off(&kept.call, cx, args);
+                }
+            }
+            _ => self.emit_kept(cx, args),
+        }
+    }
+}
+
+fn put_off<A: ?Sized + ToOwned + 'static>(call: &Rc<dyn Call<A>>, cx: &mut Cx, args: &A) {
+    cx.counters.deepened += 1;
+    if cx.queue_has_room() {
+        cx.queue_once(Parked::<A>::boxed(call, args.to_owned()));
+    }
+}
+
+fn call_directly<A: ?Sized + ToOwned + 'static>(call: &Rc<dyn Call<A>>, cx: &mut Cx, args: &A) {
+    let reached = call.call(cx, args, 0);
+    if reached != Reached::Ran {
+        missed(call, cx, args, reached);
+    }
+}
+
+/// A direct call that could not run: parked if its object is busy, counted if it is gone.
+#[cold]
+#[inline(never)]
+pub(crate) fn missed<A: ?Sized + ToOwned + 'static>(
+    call: &Rc<dyn Call<A>>,
+    cx: &mut Cx,
+    args: &A,
+    reached: Reached,
+) {
+    match reached {
+        Reached::Ran => {}
+        Reached::Busy => cx.park(call.header(), Parked::<A>::boxed(call, args.to_owned())),
+        Reached::Gone => {
+            cx.counters.gone += 1;
+            cx.note_dead_link();
+        }
+    }
+}
+
+/// A queue of calls that waits for the loop to come round: one per link, one token per call.
+pub(crate) trait QueuedCall {
+    /// Runs the oldest waiting call.
+    fn run_next(&self, cx: &mut Cx);
+}
+
+impl<A: ?Sized + ToOwned + 'static> QueuedCall for Kept<A> {
+    fn run_next(&self, cx: &mut Cx) {
+        let mut waiting = self.waiting.borrow_mut();
+        let Some(args) = waiting.pop_front() else { return };
+        if waiting.is_empty() && waiting.capacity() > QUEUE_KEPT_MAX {
+            waiting.shrink_to(QUEUE_KEPT_MAX);
+        }
+        drop(waiting);
+        run_queued(&*self.call, cx, args.borrow());
+    }
+}
+
+/// Runs a call from the queue; calls that wait for the object do not hinder it: it keeps its own place.
+pub(crate) fn run_queued<A: ?Sized>(call: &dyn Call<A>, cx: &mut Cx, args: &A) {
+    if call.call(cx, args, WAITING) != Reached::Ran {
+        cx.counters.gone += 1;
+    }
+}
+
+/// One call with its arguments, kept until its object is free or the next round.
+pub(crate) trait OnceCall {
+    /// Runs it; nothing hinders it but the end of its object.
+    fn run(self: Box<Self>, cx: &mut Cx);
+    fn target(&self) -> ObjectId;
+    fn slot(&self) -> &'static SlotMeta;
+}
+
+pub(crate) struct Parked<A: ?Sized + ToOwned> {
+    call: Rc<dyn Call<A>>,
+    args: A::Owned,
+}
+
+impl<A: ?Sized + ToOwned + 'static> Parked<A> {
+    pub(crate) fn boxed(call: &Rc<dyn Call<A>>, args: A::Owned) -> Box<dyn OnceCall> {
+        Box::new(Parked::<A> { call: call.clone(), args })
+    }
+}
+
+impl<A: ?Sized + ToOwned + 'static> OnceCall for Parked<A> {
+    fn run(self: Box<Self>, cx: &mut Cx) {
+        run_queued(&*self.call, cx, self.args.borrow());
+    }
+    fn target(&self) -> ObjectId {
+        self.call.target()
+    }
+    fn slot(&self) -> &'static SlotMeta {
+        self.call.slot()
+    }
+}
