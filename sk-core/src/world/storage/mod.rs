@@ -1,12 +1,17 @@
 //! Durable files.
 
+mod real;
+
+pub use real::RealStorage;
+
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// A file system. Every call may block: use it on a worker, or before the loop runs.
 pub trait Storage: Send + Sync {
-    /// Opens a file for reading and writing; `create` makes it, with mode 0600, where it is missing.
+    /// Opens a file for reading and writing; `create` makes it, with mode 0600, where it is missing, and
+    /// then synchronises the folder, so that the (empty) file survives a power cut.
     fn open(&self, path: &Path, create: bool) -> io::Result<Arc<dyn StoredFile>>;
 
     /// The whole of a file, or an error of kind `InvalidData` if it is longer than `bytes_max`.
@@ -19,10 +24,10 @@ pub trait Storage: Send + Sync {
     /// Renames within the file system, over what is there, and synchronises both folders.
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()>;
 
-    /// Removes a file.
+    /// Removes a file and synchronises its folder.
     fn remove(&self, path: &Path) -> io::Result<()>;
 
-    /// Makes a folder and its parents, with mode 0700; it may exist.
+    /// Makes a folder and its parents, with mode 0700, and synchronises what they are in; it may exist.
     fn create_dir(&self, path: &Path) -> io::Result<()>;
 
     /// The names in a folder, sorted.
@@ -53,4 +58,9 @@ pub trait StoredFile: Send + Sync {
 
     /// Returns when all that was written is on the disk.
     fn sync(&self) -> io::Result<()>;
+}
+
+fn too_long(path: &Path, bytes_max: u64) -> io::Error {
+    let why = format!("{} is longer than {bytes_max} bytes", path.display());
+    io::Error::new(io::ErrorKind::InvalidData, why)
 }

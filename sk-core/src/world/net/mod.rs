@@ -1,5 +1,11 @@
 //! Sockets and readiness.
 
+mod real;
+mod real_socket;
+mod socket_file;
+
+pub use real::RealNet;
+
 use std::io;
 use std::net::SocketAddr;
 use std::path::PathBuf;
