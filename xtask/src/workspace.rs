@@ -22,6 +22,8 @@ pub(crate) struct Package {
     pub(crate) description: Option<String>,
     pub(crate) needs: Vec<Need>,
     pub(crate) targets: Vec<Target>,
+    /// The names of its features, `default` left out.
+    pub(crate) features: Vec<String>,
 }
 
 /// A dependency as the manifest names it.
@@ -103,6 +105,10 @@ fn package(value: &Value, root: &Path) -> Package {
                 file: inside(text(&target["src_path"])),
             })
             .collect(),
+        features: value["features"]
+            .as_object()
+            .map(|features| features.keys().filter(|name| *name != "default").cloned().collect())
+            .unwrap_or_default(),
     }
 }
 
@@ -124,7 +130,7 @@ mod tests {
             "workspace_root": "/w", "target_directory": "/w/target",
             "packages": [
                 { "id": "ours", "name": "specialk-core", "version": "1.0.0", "description": "d",
-                  "manifest_path": "/w/sk-core/Cargo.toml",
+                  "manifest_path": "/w/sk-core/Cargo.toml", "features": { "default": ["flow"], "flow": [] },
                   "dependencies": [{ "name": "mio", "kind": null }, { "name": "proptest", "kind": "dev" }],
                   "targets": [{ "name": "sk-core", "kind": ["lib"], "src_path": "/w/sk-core/src/lib.rs" }] },
             ],
@@ -135,6 +141,7 @@ mod tests {
         assert_eq!(core.library().unwrap().file, Path::new("sk-core/src/lib.rs"));
         assert_eq!(core.library().unwrap().crate_name(), "sk_core");
         assert_eq!(core.needs.iter().map(|need| need.tests_only).collect::<Vec<_>>(), [false, true]);
+        assert_eq!(core.features, ["flow"]);
         assert!(workspace.member("mio").is_none());
     }
 }

@@ -1,6 +1,7 @@
 //! `cargo xtask test`: the whole gate, step by step, ending at the first failure.
 
 pub(crate) mod examples;
+mod features;
 mod fuzz;
 mod size;
 mod suites;
@@ -42,6 +43,7 @@ const STEPS: &[Step] = &[
     ("tidy: the rules of this tree", check_rules),
     ("supply: licences and sources of what we build on", supply),
     ("clippy: no warning on any target", clippy),
+    ("features: none and each alone build", features::build_alone),
     ("docs: every page builds without a warning", docs),
     ("tests: unit and integration tests", suites::unit_and_integration),
     ("doc tests: every example in the documentation", suites::documentation),
