@@ -161,6 +161,7 @@ fn show_tail(log: &Path) {
     for line in lines.iter().skip(lines.len().saturating_sub(LOG_TAIL_LINES)) {
         eprintln!("    | {line}");
     }
+    eprintln!("    whole output: {}", log.display());
 }
 
 #[cfg(test)]

@@ -49,6 +49,8 @@ pub(super) fn short_runs(gate: &mut Gate<'_>) -> Result<String, Failure> {
         let log = gate.scratch.join(format!("fuzz-{target}.log"));
         let mut command = process::cargo();
         command.current_dir(&gate.workspace.root).env("RUSTC_BOOTSTRAP", "1");
+        // The trace of cargo-fuzz itself would push the input that failed out of sight.
+        command.env("RUST_BACKTRACE", "0");
         command
             .args(["fuzz", "run", "-s", "none", target])
             .arg(&found)

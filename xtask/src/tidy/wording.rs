@@ -75,7 +75,8 @@ fn stands_alone(line: &str, word: &str) -> bool {
         let before = line[..start].chars().next_back();
         let after = line[start + word.len()..].chars().next();
         let joined_before = !word.starts_with(['#', '`']) && before.is_some_and(|c| is_part(c) || c == '.');
-        joined_before.eq(&false) && !(word.ends_with(char::is_alphabetic) && after.is_some_and(is_part))
+        let joined_after = word.ends_with(char::is_alphabetic) && after.is_some_and(is_part);
+        !joined_before && !joined_after
     })
 }
 
