@@ -1,3 +1,42 @@
-//! The project's own commands.
+//! The project's own commands, run as `cargo xtask COMMAND`.
+//!
+//! `test` is the whole gate, the same on a contributor's machine and in continuous integration; `tidy` is
+//! the part of it that checks the rules of this tree which no compiler knows.
 #![forbid(unsafe_code)]
-fn main() {}
+
+mod process;
+mod test;
+mod tidy;
+mod workspace;
+
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+
+#[derive(Parser)]
+#[command(name = "cargo xtask", about = "The project's own commands")]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Runs everything a change must pass: format, rules, lints, docs, tests, examples, fuzz targets, size.
+    Test(test::Options),
+    /// Checks the rules of this tree that no compiler knows.
+    Tidy,
+}
+
+fn main() -> ExitCode {
+    let outcome = match Arguments::parse().command {
+        Command::Test(options) => test::run(&options),
+        Command::Tidy => tidy::run().map(|summary| println!("tidy: {summary}")),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("xtask: {failure}");
+            ExitCode::FAILURE
+        }
+    }
+}
