@@ -16,10 +16,11 @@ mod wait;
 mod work;
 mod zone;
 
-pub use app::{Run, SkApp, SkAppBuilder};
+pub use app::{AppError, Run, SkApp, SkAppBuilder};
+pub(crate) use app::step;
 pub use cx::{Cx, Spawner};
 pub use histogram::{Distribution, Histogram};
-pub(crate) use poll::Dispatch;
+pub(crate) use poll::{Dispatch, OS_SIGNALS_TOKEN};
 pub use pulse::Pulse;
 pub use settings::{
     AfterFailure, LoopSettings, Overrun, RealtimeWishes, SettingsError, TimingMode, INTERVAL_DEFAULT,

@@ -91,7 +91,7 @@ macro_rules! __object {
                 base: $crate::__object!(@base_slots P [$($base)*]),
                 own: ::core::marker::PhantomData<fn() -> ($($g,)*)>,
             }
-            $crate::__object! { @deref [$($g),*] [$($w)*] [$($base)*] }
+            $crate::__object! { @deref [$self] [$($g),*] [$($w)*] [$($base)*] }
 
             struct __Metas<$($g),*> where $($w)* {
                 own: ::core::marker::PhantomData<fn() -> ($($g,)*)>,
@@ -222,8 +222,14 @@ macro_rules! __object {
             $node, $uid, $args,
         )
     };
-    (@deref [$($g:ident),*] [$($w:tt)*] []) => {};
-    (@deref [] [] [$field:ident = $base:ty]) => {
+    (@deref [$self:ty] [$($g:ident),*] [$($w:tt)*] []) => {};
+    (@deref [$self:ty] [] [] [$field:ident = $base:ty]) => {
+        impl $crate::macro_support::Extends for $self {
+            type Base = $base;
+            fn base(&mut self) -> &mut $base {
+                &mut self.$field
+            }
+        }
         // The accessors of the base are found through `Deref`, nearest class first.
         impl<P: $crate::object::Place> ::core::ops::Deref for __Signals<P> {
             type Target = <$base as $crate::object::SkObject>::Signals<P>;

@@ -97,6 +97,11 @@ impl Mailbox {
         Ok(())
     }
 
+    /// For the end of the loop: it may be about to sleep.
+    pub(crate) fn wake_in_any_case(&self) {
+        self.waker.wake();
+    }
+
     pub(crate) fn is_closed(&self) -> bool {
         self.closed.load(Ordering::Acquire)
     }

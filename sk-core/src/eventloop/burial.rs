@@ -1,0 +1,152 @@
+//! Deferred destruction: marks, and the burial of whole subtrees without recursion.
+
+use crate::Cx;
+use crate::eventloop::Reason;
+use crate::eventloop::sk_event_loop::News;
+use crate::object::{MARKED, ObjectId};
+use std::rc::Rc;
+
+/// The object's `on_destroy` ran, or shall not run.
+const DYING: u8 = 8;
+/// How many objects are buried a round before the rest is left to the next one. Looked at between subtrees.
+const BURIALS_PER_ROUND_MAX: usize = 65_536;
+/// Shells of buried objects that are tolerated however few objects live.
+const SHELLS_TOLERATED: u32 = 1024;
+
+impl Cx {
+    /// Marks the subtree and puts it up for burial.
+    pub(crate) fn mark(&mut self, top: ObjectId, reason: Reason) {
+        if !self.table.exists(top) {
+            return;
+        }
+        match self.table.node(top) {
+            Some(node) if node.header().has(MARKED) => return,
+            _ => {}
+        }
+        let mut at = Some(top);
+        while let Some(id) = at {
+            if let Some(node) = self.table.node(id) {
+                node.header().set(MARKED);
+            }
+            at = self.table.next_below(top, id);
+        }
+        self.burials.push_back((top, reason));
+    }
+
+    /// Step 9. Marks made meanwhile join in.
+    pub(crate) fn bury_marked(&mut self, limit: usize) {
+        let mut buried = 0;
+        let listeners = self.with(self.own.event_loop, |l, _| l.buried.listeners());
+        self.own_buried_listeners = listeners.is_ok_and(|count| count > 0);
+        while buried < limit {
+            let Some((top, reason)) = self.burials.pop_front() else { break };
+            buried += self.bury_subtree(top, reason);
+        }
+        if self.shells > SHELLS_TOLERATED && self.shells > self.table.living() / 2 {
+            self.sweep_everything();
+            self.shells = 0;
+        }
+    }
+
+    pub(crate) fn bury_some(&mut self) {
+        self.bury_marked(BURIALS_PER_ROUND_MAX);
+    }
+
+    /// Parents' hooks run before their children's; values are dropped children first.
+    fn bury_subtree(&mut self, top: ObjectId, reason: Reason) -> usize {
+        if !self.table.exists(top) {
+            return 0;
+        }
+        let mut buried = 0;
+        let mut at = top;
+        loop {
+            if let Some(node) = self.table.node(at).cloned()
+                && !node.header().has(DYING)
+            {
+                // What a hook spawns below its own object must not have hooks again, for ever.
+                let orphan = self.table.parent(at).is_some_and(|parent| self.is_dying(parent)) && !node.header().has(MARKED);
+                node.header().set(MARKED | DYING);
+                if !orphan {
+                    self.run_hook(at, &*node, "on_destroy");
+                }
+            }
+            if let Some(child) = self.table.first_child(at) {
+                at = child;
+                continue;
+            }
+            let parent = self.table.parent(at);
+            let why = if at == top { reason } else { Reason::Parent };
+            self.bury_one(at, why);
+            buried += 1;
+            match parent {
+                Some(parent) if at != top => at = parent,
+                _ => return buried,
+            }
+        }
+    }
+
+    fn is_dying(&self, id: ObjectId) -> bool {
+        self.table.node(id).is_some_and(|node| node.header().has(DYING))
+    }
+
+    fn bury_one(&mut self, id: ObjectId, reason: Reason) {
+        let node = self.table.release(id);
+        self.counters.buried += 1;
+        if let Some(waiting) = self.parked.remove(&id.index) {
+            self.counters.gone += waiting.len() as u64;
+        }
+        if let Some(node) = node {
+            // The value's own `Drop` is the user's code.
+            self.guarded(|_| node.clear());
+            if Rc::strong_count(&node) > 1 {
+                self.shells += 1;
+            }
+        }
+        if !self.crossings_to.is_empty() {
+            self.bury_crossings(id);
+        }
+        self.sources.forget(id);
+        if self.own_buried_listeners || self.watches.contains_key(&id) {
+            self.news.push_back(News::Buried(id, reason));
+        }
+    }
+
+    /// The end of the loop: every object is buried, then what is queued is dropped.
+    pub(crate) fn end(&mut self) {
+        if self.ended {
+            return;
+        }
+        self.ended = true;
+        self.quitting = true;
+        self.inbox.close();
+        let own = [
+            self.own.event_loop.id(),
+            self.own.fast_zone.id(),
+            self.own.slow_zone.id(),
+            self.own.one_sec_zone.id(),
+        ];
+        for keep in [&own[..], &[]] {
+            let mut at = self.table.first_root();
+            while let Some(id) = at {
+                at = self.table.next_sibling(id);
+                if !keep.contains(&id) {
+                    self.mark(id, Reason::LoopEnd);
+                }
+            }
+            self.bury_marked(usize::MAX);
+        }
+        self.queue.clear();
+        self.remote_calls.clear();
+        self.parked.clear();
+        self.rewires.clear();
+        self.crossings.clear();
+        self.news.clear();
+    }
+}
+
+impl Drop for Cx {
+    /// Links hold their receivers: without emptying every cell, cycles of objects would never be freed.
+    fn drop(&mut self) {
+        self.end();
+    }
+}

@@ -1,0 +1,403 @@
+//! Calls from the loop's side: who is running, guards against panics, calls that wait for a busy object.
+
+use crate::Cx;
+use crate::eventloop::cx::{DIRECT_DEPTH_MAX, Token};
+use crate::eventloop::sk_event_loop::{Culprit, News};
+use crate::eventloop::{AfterFailure, Failure, Reason};
+use crate::object::{AnyNode, DEFERRED, Handle, Header, ObjectId, SkObject, WAITING};
+use crate::signal::{Call, Links, OnceCall, QueuedCall, Signal, SlotMeta};
+use sk_flat::{Instant, SkElapsedTime};
+use std::any::TypeId;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::rc::Rc;
+use std::time::Duration;
+
+/// How many failures are logged a second; the rest are counted.
+const FAILURES_LOGGED_PER_SECOND_MAX: u32 = 10;
+
+/// One level of nested calls: whose slot runs, and how many slots of the emit it is in are still to run.
+#[derive(Clone, Copy)]
+pub(crate) struct Frame {
+    object: ObjectId,
+    slot: Option<&'static SlotMeta>,
+    left: u32,
+}
+
+impl Frame {
+    /// Twice the depth limit, so that an index can be masked instead of checked.
+    pub(crate) const ROOM: usize = (DIRECT_DEPTH_MAX * 2).next_power_of_two();
+    pub(crate) const NOBODY: Frame = Frame { object: ObjectId::NOBODY, slot: None, left: 0 };
+}
+
+/// Times single calls, for one second after a step was too long, to find the culprit.
+#[derive(Default)]
+pub(crate) struct CallTiming {
+    pub until: Instant,
+    pub on: bool,
+    /// Time of the calls nested in the one being timed.
+    nested: Duration,
+    pub slowest: Option<(Duration, ObjectId, &'static SlotMeta)>,
+}
+
+/// Keeps a failing slot from flooding the log.
+#[derive(Default)]
+pub(crate) struct LogBudget {
+    second: SkElapsedTime,
+    used: u32,
+    suppressed: u64,
+}
+
+impl Cx {
+    #[inline(always)]
+    pub(crate) fn enter(&mut self, object: ObjectId, slot: &'static SlotMeta) {
+        let frame = &mut self.chain[self.depth & (Frame::ROOM - 1)];
+        frame.object = object;
+        frame.slot = Some(slot);
+    }
+
+    #[inline(always)]
+    pub(crate) fn set_left(&mut self, left: usize) {
+        self.chain[self.depth & (Frame::ROOM - 1)].left = left as u32;
+    }
+
+    /// The object whose slot runs.
+    pub(crate) fn running(&self) -> ObjectId {
+        self.chain_top().object
+    }
+
+    pub(crate) fn chain_top(&self) -> Frame {
+        self.chain[self.depth & (Frame::ROOM - 1)]
+    }
+
+    pub(crate) fn restore_chain_top(&mut self, frame: Frame) {
+        self.chain[self.depth & (Frame::ROOM - 1)] = frame;
+    }
+
+    /// An access that is not a slot call.
+    pub(crate) fn enter_access(&mut self, object: ObjectId) {
+        let frame = &mut self.chain[self.depth & (Frame::ROOM - 1)];
+        frame.object = object;
+        frame.slot = None;
+    }
+
+    pub(crate) fn is_too_deep(&self) -> bool {
+        self.depth >= DIRECT_DEPTH_MAX
+    }
+
+    /// The signal being emitted has a link that is spent or dead: sweep it at the next rewire.
+    pub(crate) fn note_dead_link(&mut self) {
+        let emitter = self.chain[self.depth.saturating_sub(1) & (Frame::ROOM - 1)].object;
+        if self.sweeps.last() != Some(&emitter) {
+            self.sweeps.push(emitter);
+        }
+    }
+
+    pub(crate) fn note_spent_link(&mut self) {
+        self.note_dead_link();
+    }
+
+    // ---- the queue ----
+
+    /// Whether the queue takes another call; if not, it is counted and told once per episode.
+    pub(crate) fn queue_has_room(&mut self) -> bool {
+        if self.queue.len() < self.settings.queue_calls_max {
+            return true;
+        }
+        self.refused_full();
+        false
+    }
+
+    #[cold]
+    pub(crate) fn refused_full(&mut self) {
+        self.counters.refused_full += 1;
+        if !self.queue_full_told {
+            self.queue_full_told = true;
+            tracing::warn!(waiting = self.queue.len(), "a queue is full: calls are refused");
+            self.news.push_back(News::MailboxFull);
+        }
+    }
+
+    pub(crate) fn queue_link(&mut self, link: Rc<dyn QueuedCall>) {
+        self.queue.push_back(Token::Link(link));
+    }
+
+    pub(crate) fn queue_once(&mut self, call: Box<dyn OnceCall>) {
+        self.queue.push_back(Token::Once(call));
+    }
+
+    /// Step 6, its first part: the calls that were queued before this round began.
+    pub(crate) fn run_queue(&mut self, count: usize) {
+        for _ in 0..count {
+            let Some(token) = self.queue.pop_front() else { return };
+            self.counters.queued_calls += 1;
+            self.top_level(|cx| match token {
+                Token::Link(link) => link.run_next(cx),
+                Token::Once(call) => call.run(cx),
+                Token::Drain(id) => cx.drain_deferred(id),
+            });
+        }
+    }
+
+    /// Calls a slot at once, from a top-level dispatch.
+    pub(crate) fn call_slot<A: ?Sized + ToOwned + 'static>(&mut self, id: ObjectId, slot: u64, args: &A) {
+        let bound = self.bind(id, slot, TypeId::of::<A>());
+        let Some(Ok(call)) = bound.map(|bound| bound.downcast::<Rc<dyn Call<A>>>()) else {
+            self.counters.gone += 1;
+            return;
+        };
+        if call.call(self, args, WAITING) != crate::signal::Reached::Ran {
+            self.counters.gone += 1;
+        }
+    }
+
+    // ---- calls that wait for a busy object ----
+
+    /// Keeps a direct call until the lease of its object ends.
+    pub(crate) fn park(&mut self, header: &Header, call: Box<dyn OnceCall>) {
+        self.counters.parked += 1;
+        let waiting = self.parked.entry(header.id.index).or_default();
+        if waiting.len() >= self.settings.queue_calls_max {
+            self.refused_full();
+            return;
+        }
+        waiting.push_back(call);
+        header.set(WAITING);
+    }
+
+    /// A lease has ended and calls wait: they run now, before anybody else reaches the object. What is
+    /// parked meanwhile goes to the next round, so that two objects cannot keep each other busy for ever.
+    #[cold]
+    #[inline(never)]
+    pub(crate) fn drain_waiting(&mut self, header: &Header) {
+        if header.has(DEFERRED) {
+            return;
+        }
+        self.drain(header);
+    }
+
+    fn drain_deferred(&mut self, id: ObjectId) {
+        let Some(node) = self.table.node(id).cloned() else {
+            let lost = self.parked.remove(&id.index).map_or(0, |waiting| waiting.len());
+            self.counters.gone += lost as u64;
+            return;
+        };
+        self.drain(node.header());
+    }
+
+    fn drain(&mut self, header: &Header) {
+        let index = header.id.index;
+        let count = self.parked.get(&index).map_or(0, |waiting| waiting.len());
+        // While draining, the flag keeps the leases of the drained calls from draining again.
+        header.set(DEFERRED);
+        for _ in 0..count {
+            let Some(call) = self.parked.get_mut(&index).and_then(|waiting| waiting.pop_front()) else { break };
+            call.run(self);
+        }
+        if self.parked.get(&index).is_some_and(|waiting| !waiting.is_empty()) {
+            self.queue.push_back(Token::Drain(header.id));
+        } else {
+            self.parked.remove(&index);
+            header.unset(WAITING | DEFERRED);
+        }
+    }
+
+    // ---- guards ----
+
+    /// A dispatch from the loop itself: timed if calls are being timed, traced if the run is, and guarded.
+    pub(crate) fn top_level(&mut self, f: impl FnOnce(&mut Cx)) {
+        if self.timing.on {
+            let before = self.world.clock.now();
+            self.guarded(f);
+            self.note_call_time(before);
+        } else {
+            self.guarded(f);
+        }
+        if self.trace.is_some() {
+            self.trace_dispatch();
+        }
+        self.restore_chain_top(Frame::NOBODY);
+    }
+
+    /// Runs `f`; a panic in it ends here and is treated by the loop's policy.
+    pub(crate) fn guarded(&mut self, f: impl FnOnce(&mut Cx)) {
+        let depth = self.depth;
+        if let Err(payload) = catch_unwind(AssertUnwindSafe(|| f(self))) {
+            self.caught(depth, &payload);
+        }
+    }
+
+    #[cold]
+    fn caught(&mut self, depth: usize, payload: &(dyn std::any::Any + Send)) {
+        let message = payload
+            .downcast_ref::<&str>()
+            .map(|text| (*text).to_owned())
+            .or_else(|| payload.downcast_ref::<String>().cloned())
+            .unwrap_or_else(|| "a panic without a message".to_owned());
+        let reached = self.depth.min(Frame::ROOM - 1);
+        let frames: Vec<Frame> = self.chain[depth.min(reached)..=reached].to_vec();
+        self.depth = depth;
+        let innermost = *frames.last().unwrap_or(&Frame::NOBODY);
+        // The slots after the first level's are not skipped: each has a guard of its own.
+        let skipped = frames.iter().skip(1).map(|frame| u64::from(frame.left)).sum();
+        let chain = frames.iter().map(|frame| self.frame_name(frame)).collect();
+        for frame in &frames {
+            self.put_off_waiting(frame.object);
+        }
+        self.counters.panics += 1;
+        self.counters.skipped += skipped;
+        self.record_failure(innermost, message, Some((chain, skipped)));
+    }
+
+    /// After a panic the leases are gone but what waited for them is not.
+    fn put_off_waiting(&mut self, id: ObjectId) {
+        if let Some(node) = self.table.node(id).cloned()
+            && node.header().has(WAITING)
+            && !self.queue.iter().any(|token| matches!(token, Token::Drain(waiting) if *waiting == id))
+        {
+            node.header().set(DEFERRED);
+            self.queue.push_back(Token::Drain(id));
+        }
+    }
+
+    fn frame_name(&self, frame: &Frame) -> String {
+        format!("{}.{}", self.path_of(frame.object), frame.slot.map_or("(access)", |slot| slot.name))
+    }
+
+    /// A slot answered `Err`.
+    #[cold]
+    #[inline(never)]
+    pub(crate) fn slot_failed(&mut self, message: Box<str>) {
+        let frame = self.chain_top();
+        self.record_failure(frame, message.into(), None);
+    }
+
+    fn record_failure(&mut self, frame: Frame, message: String, panic: Option<(Vec<String>, u64)>) {
+        self.counters.failures += 1;
+        let panicked = panic.is_some();
+        let (chain, skipped) = panic.unwrap_or_default();
+        let failure = Failure {
+            object: frame.object,
+            path: self.path_of(frame.object),
+            class: self.class_of(frame.object).map_or("(nobody)", |class| class.name),
+            slot: frame.slot.map_or("(access)", |slot| slot.name),
+            message,
+            panicked,
+            chain,
+            skipped,
+        };
+        if self.may_log() {
+            let Failure { path, class, slot, message, .. } = &failure;
+            let how = if panicked { "panicked" } else { "failed" };
+            tracing::error!(suppressed = self.log_budget.suppressed, "{class} {path}: slot {slot} {how}: {message}");
+        }
+        if self.news.len() < self.settings.queue_calls_max {
+            self.news.push_back(News::SlotFailed(failure));
+        }
+        match if panicked { self.settings.after_panic } else { self.settings.after_error } {
+            AfterFailure::GoOn => {}
+            AfterFailure::Destroy => self.mark(frame.object, Reason::Failed),
+            AfterFailure::Stop => self.quit(),
+        }
+    }
+
+    /// Whether another line may be logged this second.
+    pub(crate) fn may_log(&mut self) -> bool {
+        let budget = &mut self.log_budget;
+        if budget.second.restart_if_passed(self.pulse.now, Duration::from_secs(1)) {
+            budget.used = 0;
+            budget.suppressed = 0;
+        }
+        budget.used += 1;
+        let may = budget.used <= FAILURES_LOGGED_PER_SECOND_MAX;
+        budget.suppressed += u64::from(!may);
+        may
+    }
+
+    pub(crate) fn run_hook(&mut self, id: ObjectId, node: &dyn AnyNode, hook: &'static str) {
+        let before = self.chain_top();
+        self.enter_access(id);
+        self.guarded(|cx| match hook {
+            "on_spawn" => node.spawned(cx),
+            _ => node.destroying(cx),
+        });
+        self.restore_chain_top(before);
+        if node.header().has(WAITING) {
+            self.drain_waiting(node.header());
+        }
+    }
+
+    // ---- signals of the loop's own objects ----
+
+    /// Emits a signal of a framework object without leasing it while the slots run, so that they can command
+    /// the object that called them.
+    pub(crate) fn emit_own<T: SkObject, A: ?Sized + ToOwned + 'static>(
+        &mut self,
+        emitter: Handle<T>,
+        signal: impl FnOnce(&T) -> &Signal<A>,
+        args: &A,
+    ) {
+        let links = self.with(emitter, |object, _| signal(object).frozen());
+        if let Ok(Some(links)) = links {
+            self.fire_own(emitter.id(), &links, args);
+        }
+    }
+
+    pub(crate) fn fire_own<A: ?Sized + ToOwned + 'static>(&mut self, emitter: ObjectId, links: &Links<A>, args: &A) {
+        let before = self.chain_top();
+        self.enter_access(emitter);
+        if self.depth == 0 && !self.timing.on {
+            links.fire_guarded(self, args);
+            if self.trace.is_some() {
+                self.trace_dispatch();
+            }
+        } else {
+            links.fire(self, args);
+        }
+        self.restore_chain_top(before);
+    }
+
+    fn trace_dispatch(&mut self) {
+        let frame = self.chain[(self.depth + 1).min(Frame::ROOM - 1)];
+        let top = self.chain_top();
+        if let Some(trace) = &self.trace {
+            let object = |frame: &Frame| u64::from(frame.object.index) << 32 | u64::from(frame.object.generation);
+            let slot = |frame: &Frame| frame.slot.map_or(0, |slot| slot.uid);
+            trace.call(object(&top), slot(&top), self.counters.queued_calls);
+            trace.call(object(&frame), slot(&frame), self.counters.messages);
+        }
+    }
+
+    // ---- timing of single calls ----
+
+    /// Runs one call and notes its own time.
+    pub(crate) fn timed(&mut self, f: impl FnOnce(&mut Cx)) {
+        let before = self.world.clock.now();
+        let outer_nested = std::mem::take(&mut self.timing.nested);
+        if self.depth == 1 { self.guarded(f) } else { f(self) }
+        let nested = std::mem::replace(&mut self.timing.nested, outer_nested);
+        let spent = self.world.clock.now().since(before);
+        self.timing.nested += spent;
+        self.note_own_time(spent.saturating_sub(nested));
+    }
+
+    fn note_call_time(&mut self, before: Instant) {
+        let nested = std::mem::take(&mut self.timing.nested);
+        let spent = self.world.clock.now().since(before);
+        self.note_own_time(spent.saturating_sub(nested));
+    }
+
+    fn note_own_time(&mut self, own: Duration) {
+        let frame = self.chain_top();
+        if let Some(slot) = frame.slot
+            && self.timing.slowest.is_none_or(|(slowest, ..)| own > slowest)
+        {
+            self.timing.slowest = Some((own, frame.object, slot));
+        }
+    }
+
+    pub(crate) fn culprit(&self) -> Option<Culprit> {
+        let (time, object, slot) = self.timing.slowest?;
+        let (path, slot) = (self.path_of(object), format!("{}.{}", slot.class, slot.name));
+        Some(Culprit { object, path, slot, time })
+    }
+}

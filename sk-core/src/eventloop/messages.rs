@@ -1,0 +1,84 @@
+//! Step 3, and the second part of step 6: what other threads send.
+
+use crate::Cx;
+use crate::eventloop::cx::RemoteCall;
+use crate::object::ObjectId;
+use crate::signal::Rewire;
+use crate::thread::{Message, RemoteReceive, There};
+use std::rc::Rc;
+
+/// How many messages are taken at once; the rest waits for the next turn.
+const MESSAGES_PER_TURN_MAX: usize = 16_384;
+
+impl Cx {
+    /// Takes what waits in the mailbox: bookkeeping is done, calls are kept for step 6, requests for step 8.
+    pub(crate) fn take_messages(&mut self) -> bool {
+        let mut taken = 0;
+        while taken < MESSAGES_PER_TURN_MAX
+            && let Some(message) = self.inbox.take()
+        {
+            taken += 1;
+            match message {
+                Message::Call(number) => self.remote_calls.push_back(RemoteCall::Crossing(number)),
+                Message::Ring(number, ring) => self.remote_calls.push_back(RemoteCall::Ring(number, ring)),
+                Message::Run(work) => self.remote_calls.push_back(RemoteCall::Run(work)),
+                Message::Settle(work) => work(self),
+                Message::Rewire(rewire) => self.rewires.push_back(*rewire),
+            }
+        }
+        self.counters.messages += taken as u64;
+        taken > 0
+    }
+
+    /// Step 6, its second part: the calls that were taken in step 3.
+    pub(crate) fn run_remote_calls(&mut self) {
+        for _ in 0..self.remote_calls.len() {
+            let Some(call) = self.remote_calls.pop_front() else { return };
+            match call {
+                RemoteCall::Crossing(number) => match self.crossings.get(&number).cloned() {
+                    Some(crossing) => self.top_level(|cx| crossing.run_next(cx)),
+                    None => self.counters.gone += 1,
+                },
+                RemoteCall::Ring(number, ring) => {
+                    if let Some(crossing) = self.crossings.get(&number) {
+                        crossing.next_ring(ring);
+                    }
+                }
+                RemoteCall::Run(work) => self.top_level(work),
+            }
+        }
+    }
+
+    pub(crate) fn open_crossing(&mut self, number: u64, target: ObjectId, crossing: Rc<dyn RemoteReceive>) {
+        self.crossings.insert(number, crossing);
+        self.crossings_to.entry(target).or_default().push(number);
+    }
+
+    /// The sender's end is gone.
+    pub(crate) fn close_crossing(&mut self, number: u64) {
+        let Some(crossing) = self.crossings.remove(&number) else { return };
+        if let Some(numbers) = self.crossings_to.get_mut(&crossing.target()) {
+            numbers.retain(|&other| other != number);
+            if numbers.is_empty() {
+                self.crossings_to.remove(&crossing.target());
+            }
+        }
+    }
+
+    /// The receiver was buried: every loop with a link to it is told.
+    pub(crate) fn bury_crossings(&mut self, target: ObjectId) {
+        for number in self.crossings_to.remove(&target).unwrap_or_default() {
+            if let Some(crossing) = self.crossings.remove(&number) {
+                crossing.tell_gone();
+            }
+        }
+    }
+
+    pub(crate) fn post_rewire(&mut self, there: &There, rewire: Rewire) {
+        if self.is_mine(there) {
+            self.rewires.push_back(rewire);
+        } else if there.mailbox.post_anyway(Message::Rewire(Box::new(rewire))).is_err() {
+            self.counters.links_refused += 1;
+        }
+    }
+}
