@@ -2,9 +2,16 @@
 
 mod real;
 mod real_socket;
+mod sim_socket;
+mod simulated;
 mod socket_file;
+mod switch;
+mod wire;
 
 pub use real::RealNet;
+pub(crate) use simulated::{Network, SIMULATED_UID};
+pub use simulated::{SimulatedNet, SimulatedShare};
+pub use wire::NetworkSettings;
 
 use std::io;
 use std::net::SocketAddr;
