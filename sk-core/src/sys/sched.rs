@@ -24,7 +24,7 @@ pub(crate) enum Policy {
 static DEMOTIONS: AtomicU64 = AtomicU64::new(0);
 
 /// The limit that was set last.
-static RUN_MAX_US: AtomicU64 = AtomicU64::new(libc::RLIM_INFINITY);
+static RUN_MAX_US: AtomicU64 = AtomicU64::new(u64::MAX);
 
 /// Sets the calling thread's class. A real-time class needs CAP_SYS_NICE or an RLIMIT_RTPRIO of at least
 /// the priority; going back to `Other` needs nothing.
@@ -44,8 +44,7 @@ pub(crate) fn set_policy(policy: Policy, run_max: Duration) -> io::Result<()> {
     };
     // The class first: a call that is refused must not change the limit of threads that have one.
     set_class(class, libc::c_int::from(priority))?;
-    let run_max_us = libc::rlim_t::try_from(run_max.as_micros()).unwrap_or(libc::rlim_t::MAX);
-    guard(run_max_us).inspect_err(|_| {
+    guard(u64::try_from(run_max.as_micros()).unwrap_or(u64::MAX)).inspect_err(|_| {
         // Never in a real-time class without the guard; leaving it is always allowed.
         let _ = set_class(libc::SCHED_OTHER, 0);
     })
@@ -72,7 +71,7 @@ pub(crate) fn demotions() -> u64 {
     DEMOTIONS.load(Ordering::Relaxed)
 }
 
-fn guard(run_max_us: libc::rlim_t) -> io::Result<()> {
+fn guard(run_max_us: u64) -> io::Result<()> {
     let action = SigAction::new(SigHandler::Handler(demote), SaFlags::SA_RESTART, SigSet::empty());
     // SAFETY: the handler does nothing but atomic accesses and bare system calls (no allocation, no lock),
     // and keeps errno. Nobody else in the process handles SIGXCPU.
@@ -82,8 +81,10 @@ fn guard(run_max_us: libc::rlim_t) -> io::Result<()> {
 }
 
 /// The hard limit kills the process and cannot be raised again without privilege: left as it is.
-fn set_limit(run_max_us: libc::rlim_t) -> io::Result<()> {
+fn set_limit(run_max_us: u64) -> io::Result<()> {
     let (_, hard) = getrlimit(Resource::RLIMIT_RTTIME)?;
+    // Limits have 32 bits on some machines; the detour makes one conversion of both cases.
+    let run_max_us = libc::rlim_t::try_from(u128::from(run_max_us)).unwrap_or(libc::rlim_t::MAX);
     Ok(setrlimit(Resource::RLIMIT_RTTIME, run_max_us.min(hard), hard)?)
 }
 

@@ -1,7 +1,8 @@
 //! A network inside the process, driven by a virtual clock.
 
+use super::addresses::datagram_way;
 use super::sim_socket::{Kind, Phase};
-use super::switch::{Switch, datagram_way};
+use super::switch::Switch;
 use super::wire::{Delivery, Medium, NetworkSettings, SocketId, Wire};
 use super::{Datagram, Endpoint, Listener, Net, OsSignal, OsSignals, Readiness, Stream, Token, Wake};
 use crate::world::{Clock, SimulatedClock, SimulatedRng};
