@@ -20,3 +20,24 @@ impl WakeLatencyHeld {
         Ok(WakeLatencyHeld { _device: device })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::fd::AsRawFd;
+
+    #[test]
+    fn the_device_is_held_until_the_drop() {
+        match WakeLatencyHeld::zero() {
+            Ok(held) => {
+                let open = format!("/proc/self/fd/{}", held._device.as_raw_fd());
+                assert_eq!(std::fs::read_link(open).unwrap().to_str(), Some("/dev/cpu_dma_latency"));
+            }
+            // A container need not have the device at all.
+            Err(refused) => assert!(matches!(
+                refused.kind(),
+                io::ErrorKind::PermissionDenied | io::ErrorKind::NotFound | io::ErrorKind::ReadOnlyFilesystem
+            )),
+        }
+    }
+}

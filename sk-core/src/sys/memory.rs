@@ -30,3 +30,22 @@ fn may_lock() -> bool {
     let effective = effective.and_then(|hex| u64::from_str_radix(hex.trim(), 16).ok());
     effective.is_some_and(|set| set & (1 << CAP_IPC_LOCK) != 0)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nix::sys::mman::munlockall;
+
+    #[test]
+    fn locked_memory_shows_in_the_status_or_the_refusal_is_told() {
+        match lock_all() {
+            Ok(()) => {
+                let status = std::fs::read_to_string("/proc/self/status").unwrap();
+                munlockall().unwrap();
+                let locked = status.lines().find_map(|line| line.strip_prefix("VmLck:")).unwrap();
+                assert_ne!(locked.trim(), "0 kB");
+            }
+            Err(refused) => assert_eq!(refused.kind(), io::ErrorKind::PermissionDenied),
+        }
+    }
+}

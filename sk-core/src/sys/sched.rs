@@ -23,6 +23,9 @@ pub(crate) enum Policy {
 /// How many threads the guard has put back into the normal class since the process began.
 static DEMOTIONS: AtomicU64 = AtomicU64::new(0);
 
+/// The limit that was set last.
+static RUN_MAX_US: AtomicU64 = AtomicU64::new(u64::MAX);
+
 /// Sets the calling thread's class. A real-time class needs CAP_SYS_NICE or an RLIMIT_RTPRIO of at least
 /// the priority; going back to `Other` needs nothing.
 ///
@@ -35,14 +38,16 @@ static DEMOTIONS: AtomicU64 = AtomicU64::new(0);
 /// then as before.
 pub(crate) fn set_policy(policy: Policy, run_max: Duration) -> io::Result<()> {
     let (class, priority) = match policy {
-        Policy::Other => (libc::SCHED_OTHER, 0),
+        Policy::Other => return set_class(libc::SCHED_OTHER, 0),
         Policy::Fifo(priority) => (libc::SCHED_FIFO, priority),
         Policy::RoundRobin(priority) => (libc::SCHED_RR, priority),
     };
-    if policy != Policy::Other {
-        guard(run_max)?;
-    }
-    set_class(class, libc::c_int::from(priority))
+    // The class first: a call that is refused must not change the limit of threads that have one.
+    set_class(class, libc::c_int::from(priority))?;
+    guard(u64::try_from(run_max.as_micros()).unwrap_or(u64::MAX)).inspect_err(|_| {
+        // Never in a real-time class without the guard; leaving it is always allowed.
+        let _ = set_class(libc::SCHED_OTHER, 0);
+    })
 }
 
 fn set_class(class: libc::c_int, priority: libc::c_int) -> io::Result<()> {
@@ -66,14 +71,20 @@ pub(crate) fn demotions() -> u64 {
     DEMOTIONS.load(Ordering::Relaxed)
 }
 
-fn guard(run_max: Duration) -> io::Result<()> {
+fn guard(run_max_us: u64) -> io::Result<()> {
     let action = SigAction::new(SigHandler::Handler(demote), SaFlags::SA_RESTART, SigSet::empty());
-    // SAFETY: the handler does nothing but an atomic addition and system calls that POSIX allows in a
-    // handler, and keeps errno. Nobody else in the process handles SIGXCPU.
+    // SAFETY: the handler does nothing but atomic accesses and bare system calls (no allocation, no lock),
+    // and keeps errno. Nobody else in the process handles SIGXCPU.
     unsafe { sigaction(Signal::SIGXCPU, &action) }?;
-    let run_max_us = libc::rlim_t::try_from(run_max.as_micros()).unwrap_or(libc::rlim_t::MAX);
-    // The hard limit kills the process and can never be raised again without privilege: left as it is.
+    RUN_MAX_US.store(run_max_us, Ordering::Relaxed);
+    set_limit(run_max_us)
+}
+
+/// The hard limit kills the process and cannot be raised again without privilege: left as it is.
+fn set_limit(run_max_us: u64) -> io::Result<()> {
     let (_, hard) = getrlimit(Resource::RLIMIT_RTTIME)?;
+    // Limits have 32 bits on some machines; the detour makes one conversion of both cases.
+    let run_max_us = libc::rlim_t::try_from(u128::from(run_max_us)).unwrap_or(libc::rlim_t::MAX);
     Ok(setrlimit(Resource::RLIMIT_RTTIME, run_max_us.min(hard), hard)?)
 }
 
@@ -83,6 +94,8 @@ extern "C" fn demote(_signal: libc::c_int) {
     if set_class(libc::SCHED_OTHER, 0).is_ok() {
         DEMOTIONS.fetch_add(1, Ordering::Relaxed);
     }
+    // With each signal the kernel moves the limit one second on, for all threads.
+    let _ = set_limit(RUN_MAX_US.load(Ordering::Relaxed));
     nix::errno::Errno::set_raw(before.unwrap_or(0));
 }
 
@@ -131,10 +144,18 @@ mod tests {
             assert_eq!(refused.kind(), io::ErrorKind::PermissionDenied);
             return;
         }
-        while demotions() == before {
-            std::hint::spin_loop();
+        let (limit, _) = getrlimit(Resource::RLIMIT_RTTIME).unwrap();
+        for offence in 1..=2 {
+            while demotions() < before + offence {
+                std::hint::spin_loop();
+            }
+            // SAFETY: 0 names the calling thread; the call takes no pointer.
+            assert_eq!(unsafe { libc::sched_getscheduler(0) }, libc::SCHED_OTHER);
+            while getrlimit(Resource::RLIMIT_RTTIME).unwrap().0 != limit {
+                std::hint::spin_loop();
+            }
+            set_policy(Policy::RoundRobin(1), Duration::from_millis(20)).unwrap();
         }
-        // SAFETY: 0 names the calling thread; the call takes no pointer.
-        assert_eq!(unsafe { libc::sched_getscheduler(0) }, libc::SCHED_OTHER);
+        set_policy(Policy::Other, Duration::ZERO).unwrap();
     }
 }

@@ -79,3 +79,22 @@ impl PollTimer {
         self.timer.as_fd().as_raw_fd()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_slack_of_this_thread_is_set() {
+        set_slack_ns(1).unwrap();
+        assert_eq!(prctl::get_timerslack(), Ok(1));
+    }
+
+    #[test]
+    fn a_far_end_is_within_what_the_kernel_takes() {
+        let timer = PollTimer::new().unwrap();
+        timer.arm(u64::MAX).unwrap();
+        timer.arm(0).unwrap();
+        timer.disarm().unwrap();
+    }
+}

@@ -8,16 +8,19 @@
 pub mod clock;
 pub mod net;
 pub mod rng;
+pub mod simulated;
 pub mod storage;
 pub mod worker;
 
 pub use clock::{Clock, RealClock, SimulatedClock};
 pub use net::{
-    Datagram, Endpoint, Listener, Net, OsSignal, OsSignals, Readiness, RealNet, Stream, Token, Wake,
+    Datagram, Endpoint, Listener, Net, NetworkSettings, OsSignal, OsSignals, Readiness, RealNet,
+    SimulatedNet, SimulatedShare, Stream, Token, Wake,
 };
 pub use rng::{RealRng, Rng, SimulatedRng};
-pub use storage::{RealStorage, Storage, StoredFile};
-pub use worker::{JOBS_WAITING_MAX, Job, RealWorker, Worker};
+pub use simulated::SimulatedWorld;
+pub use storage::{RealStorage, SimulatedStorage, Storage, StoredFile};
+pub use worker::{JOBS_WAITING_MAX, Job, RealWorker, SimulatedWorker, Worker};
 
 use std::io;
 use std::sync::Arc;
@@ -50,12 +53,14 @@ pub struct World {
     /// Where the application's blocking work goes.
     pub worker: Arc<dyn Worker>,
     origin: Origin,
+    share: Option<SimulatedShare>,
 }
 
 /// Where further shares come from.
 #[derive(Clone)]
 enum Origin {
     Real,
+    Simulated(SimulatedWorld),
 }
 
 impl World {
@@ -71,7 +76,13 @@ impl World {
             rng: Box::new(RealRng),
             worker: Arc::new(RealWorker::new()),
             origin: Origin::Real,
+            share: None,
         })
+    }
+
+    /// In a simulated world, what its scheduler asks about this loop.
+    pub fn simulated_share(&self) -> Option<&SimulatedShare> {
+        self.share.as_ref()
     }
 
     /// What another thread's loop grows its share from, with the same clock, storage and worker.
@@ -103,10 +114,13 @@ impl WorldSeed {
     /// # Errors
     /// As [`World::real`].
     pub fn grow(self) -> io::Result<World> {
-        let (net, rng): (Box<dyn Net>, Box<dyn Rng>) = match &self.origin {
-            Origin::Real => (Box::new(RealNet::new()?), Box::new(RealRng)),
-        };
         let WorldSeed { clock, storage, worker, origin } = self;
-        Ok(World { clock, net, storage, rng, worker, origin })
+        match origin {
+            Origin::Real => {
+                let (net, rng) = (Box::new(RealNet::new()?), Box::new(RealRng));
+                Ok(World { clock, net, storage, rng, worker, origin, share: None })
+            }
+            Origin::Simulated(world) => Ok(world.world()),
+        }
     }
 }

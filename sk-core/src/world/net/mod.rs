@@ -1,10 +1,18 @@
 //! Sockets and readiness.
 
+mod addresses;
 mod real;
 mod real_socket;
+mod sim_socket;
+mod simulated;
 mod socket_file;
+mod switch;
+mod wire;
 
 pub use real::RealNet;
+pub(crate) use simulated::{Network, SIMULATED_UID};
+pub use simulated::{SimulatedNet, SimulatedShare};
+pub use wire::NetworkSettings;
 
 use std::io;
 use std::net::SocketAddr;
@@ -14,6 +22,9 @@ use std::time::Duration;
 
 /// What a source is known by when it becomes ready: chosen by the loop, never reused while events of
 /// the former bearer may be under way (it carries a generation).
+///
+/// It has to fit the machine's word, and the two highest values of that are the real net's own: a socket
+/// with such a token is refused as `InvalidInput`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Token(pub u64);
 
@@ -58,6 +69,10 @@ pub trait Net {
     fn listen(&mut self, at: &Endpoint, token: Token) -> io::Result<Box<dyn Listener>>;
 
     /// Begins to connect; the outcome is reported as `writable`, and [`Stream::connected`] tells it.
+    ///
+    /// # Errors
+    /// What is known at once: there is no such socket file (`NotFound`), no process behind it
+    /// (`ConnectionRefused`) or no room with it (`WouldBlock`), or no descriptor or port is left.
     fn connect(&mut self, to: &Endpoint, token: Token) -> io::Result<Box<dyn Stream>>;
 
     /// Binds a datagram socket (UDP).
@@ -92,6 +107,10 @@ pub trait Listener {
     fn local(&self) -> Endpoint;
 
     /// The next waiting stream, to be reported with `token`; `WouldBlock` if there is none.
+    ///
+    /// # Errors
+    /// EMFILE and ENFILE when there is no descriptor for it. The stream then goes on waiting and is not
+    /// reported again: who gets such an error has to try again later by himself.
     fn accept(&mut self, token: Token) -> io::Result<Box<dyn Stream>>;
 }
 
@@ -112,7 +131,7 @@ pub trait Stream {
     /// The other end, where it has a name.
     fn peer(&self) -> Option<Endpoint>;
 
-    /// The user id of the process at the other end of a Unix socket (SO_PEERCRED).
+    /// The user id of the process at the other end of a Unix socket (SO_PEERCRED); `None` for TCP.
     fn peer_uid(&self) -> Option<u32>;
 }
 

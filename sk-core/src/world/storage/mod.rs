@@ -1,8 +1,10 @@
 //! Durable files.
 
 mod real;
+mod simulated;
 
 pub use real::RealStorage;
+pub use simulated::SimulatedStorage;
 
 use std::io;
 use std::path::{Path, PathBuf};

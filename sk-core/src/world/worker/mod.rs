@@ -1,8 +1,10 @@
 //! Blocking work: disk, hashing, name look-up.
 
 mod real;
+mod simulated;
 
 pub use real::RealWorker;
+pub use simulated::SimulatedWorker;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
