@@ -3,6 +3,7 @@
 use super::Lost;
 use crossbeam_queue::ArrayQueue;
 use std::sync::Arc;
+use std::sync::atomic::{Ordering, fence};
 
 /// The writing half of [`SkRingBuffer::newest`](super::SkRingBuffer::newest).
 pub struct NewestProducer<T> {
@@ -21,6 +22,13 @@ pub(super) fn pair<T>(capacity: usize) -> (NewestProducer<T>, NewestConsumer<T>)
     let replaced = Lost::default();
     let producer = NewestProducer { ring: Arc::clone(&ring), replaced: replaced.clone() };
     (producer, NewestConsumer { ring, replaced })
+}
+
+fn is_last<T>(ring: &Arc<ArrayQueue<T>>) -> bool {
+    let last = Arc::strong_count(ring) == 1;
+    // With the release of the other half's drop: whoever sees that it is gone sees all it did.
+    fence(Ordering::Acquire);
+    last
 }
 
 impl<T> NewestProducer<T> {
@@ -46,7 +54,7 @@ impl<T> NewestProducer<T> {
 
     /// Whether the consumer is gone, so that nobody will read what is pushed.
     pub fn is_abandoned(&self) -> bool {
-        Arc::strong_count(&self.ring) == 1
+        is_last(&self.ring)
     }
 }
 
@@ -92,6 +100,6 @@ impl<T> NewestConsumer<T> {
 
     /// Whether the producer is gone. What it left can still be taken.
     pub fn is_abandoned(&self) -> bool {
-        Arc::strong_count(&self.ring) == 1
+        is_last(&self.ring)
     }
 }
