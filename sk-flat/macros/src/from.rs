@@ -2,7 +2,7 @@
 
 use crate::input::{Body, Case, Input, Shape};
 use proc_macro2::TokenStream;
-use quote::{ToTokens, quote};
+use quote::quote;
 
 pub(crate) fn implement(input: &Input) -> TokenStream {
     let Input { ident, flat, .. } = input;
@@ -64,28 +64,35 @@ fn read(shape: &Shape, constructor: &TokenStream, input: &Input) -> TokenStream 
     let flat = &input.flat;
     let ok = |made: TokenStream| quote!(::core::result::Result::Ok(#made));
     match shape {
-        Shape::Unit | Shape::Tuple(0) => {
-            let empty = if let Shape::Unit = shape { quote!() } else { quote!(()) };
-            let made = ok(quote!(#constructor #empty));
+        Shape::Unit => {
+            let made = ok(quote!(#constructor));
             quote!(<() as #flat::FromVariant>::from_variant(value)?; #made)
         }
-        Shape::Tuple(1) => ok(quote!(#constructor(#flat::FromVariant::from_variant(value)?))),
-        Shape::Tuple(count) => {
-            let items = (0..*count).map(|index| quote!(items.read(#index)?));
-            let made = ok(quote!(#constructor(#(#items),*)));
-            quote!(let items = #flat::derived::Items::of(value, #count)?; #made)
-        }
+        Shape::Tuple(types) => match &types[..] {
+            [] => {
+                let made = ok(quote!(#constructor()));
+                quote!(<() as #flat::FromVariant>::from_variant(value)?; #made)
+            }
+            [only] => ok(quote!(#constructor(<#only as #flat::FromVariant>::from_variant(value)?))),
+            several => {
+                let count = several.len();
+                let items = several.iter().enumerate();
+                let items = items.map(|(index, ty)| quote!(items.read::<#ty>(#index)?));
+                let made = ok(quote!(#constructor(#(#items),*)));
+                quote!(let items = #flat::derived::Items::of(value, #count)?; #made)
+            }
+        },
         Shape::Named(fields) => {
             let names: Vec<_> = fields.iter().filter(|field| !field.skip).map(|field| &field.name).collect();
             let opener = if input.ignore_unknown { quote!(open) } else { quote!(of) };
             let members = fields.iter().map(|field| {
-                let (ident, name) = (&field.ident, &field.name);
+                let (ident, ty, name) = (&field.ident, &field.ty, &field.name);
                 let value = match (field.skip, field.default) {
                     (true, _) => quote!(::core::default::Default::default()),
-                    (false, true) => quote!(fields.read_or_default(#name)?),
-                    (false, false) => quote!(fields.read(#name)?),
+                    (false, true) => quote!(fields.read_or_default::<#ty>(#name)?),
+                    (false, false) => quote!(fields.read::<#ty>(#name)?),
                 };
-                quote!(#ident: #value).into_token_stream()
+                quote!(#ident: #value)
             });
             let made = ok(quote!(#constructor { #(#members),* }));
             quote! {

@@ -4,7 +4,7 @@ use crate::attributes::{self, Part};
 use proc_macro2::{Ident, Span, TokenStream};
 use quote::{ToTokens, format_ident, quote};
 use syn::ext::IdentExt;
-use syn::{Data, DeriveInput, Fields, Generics, LitStr, parse_quote};
+use syn::{Data, DeriveInput, Fields, Generics, LitStr, Type, parse_quote};
 
 pub(crate) struct Input {
     pub(crate) ident: Ident,
@@ -29,12 +29,13 @@ pub(crate) struct Case {
 /// The fields of a struct or of a case.
 pub(crate) enum Shape {
     Unit,
-    Tuple(usize),
+    Tuple(Vec<Type>),
     Named(Vec<Field>),
 }
 
 pub(crate) struct Field {
     pub(crate) ident: Ident,
+    pub(crate) ty: Type,
     pub(crate) name: LitStr,
     pub(crate) default: bool,
     pub(crate) skip: bool,
@@ -85,7 +86,7 @@ impl Shape {
                 for field in &fields.unnamed {
                     attributes::of_part(&field.attrs, Part::TupleField)?;
                 }
-                Ok(Shape::Tuple(fields.unnamed.len()))
+                Ok(Shape::Tuple(fields.unnamed.iter().map(|field| field.ty.clone()).collect()))
             }
             Fields::Named(fields) => {
                 let read = fields.named.iter().map(|field| {
@@ -94,7 +95,13 @@ impl Shape {
                         return Err(syn::Error::new_spanned(field, "a named field has a name"));
                     };
                     let name = named(&ident, attributes.rename);
-                    Ok(Field { ident, name, default: attributes.default, skip: attributes.skip })
+                    Ok(Field {
+                        ident,
+                        ty: field.ty.clone(),
+                        name,
+                        default: attributes.default,
+                        skip: attributes.skip,
+                    })
                 });
                 let read = read.collect::<syn::Result<Vec<_>>>()?;
                 distinct(read.iter().filter(|field| !field.skip).map(|field| &field.name))?;
@@ -107,8 +114,8 @@ impl Shape {
     pub(crate) fn pattern(&self) -> TokenStream {
         match self {
             Shape::Unit => quote!(),
-            Shape::Tuple(count) => {
-                let bound = (0..*count).map(binding);
+            Shape::Tuple(types) => {
+                let bound = (0..types.len()).map(binding);
                 quote!((#(#bound),*))
             }
             Shape::Named(fields) => {

@@ -3,6 +3,7 @@
 use crate::input::{Body, Case, Input, Shape, binding};
 use proc_macro2::TokenStream;
 use quote::quote;
+use syn::Type;
 
 pub(crate) fn implement(input: &Input) -> TokenStream {
     let Input { ident, flat, .. } = input;
@@ -50,21 +51,25 @@ fn arm(case: &Case, flat: &TokenStream) -> TokenStream {
 
 /// The bound fields as one variant.
 fn value(shape: &Shape, flat: &TokenStream) -> TokenStream {
-    let converted = |index: usize| {
+    // The type is written out so that the message for one that is no variant points at it.
+    let converted = |index: usize, ty: &Type| {
         let binding = binding(index);
-        quote!(#flat::IntoVariant::into_variant(#binding))
+        quote!(<#ty as #flat::IntoVariant>::into_variant(#binding))
     };
     match shape {
-        Shape::Unit | Shape::Tuple(0) => quote!(#flat::SkVariant::Null),
-        Shape::Tuple(1) => converted(0),
-        Shape::Tuple(count) => {
-            let items = (0..*count).map(converted);
-            quote!(#flat::SkVariant::list::<#flat::SkVariant>([#(#items),*]))
-        }
+        Shape::Unit => quote!(#flat::SkVariant::Null),
+        Shape::Tuple(types) => match &types[..] {
+            [] => quote!(#flat::SkVariant::Null),
+            [only] => converted(0, only),
+            several => {
+                let items = several.iter().enumerate().map(|(index, ty)| converted(index, ty));
+                quote!(#flat::SkVariant::list::<#flat::SkVariant>([#(#items),*]))
+            }
+        },
         Shape::Named(fields) => {
             let written = fields.iter().enumerate().filter(|(_, field)| !field.skip);
             let entries = written.map(|(index, field)| {
-                let (name, value) = (&field.name, converted(index));
+                let (name, value) = (&field.name, converted(index, &field.ty));
                 quote!((#name, #value))
             });
             quote!(#flat::SkVariant::map::<&str>([#(#entries),*]))
