@@ -35,8 +35,6 @@
 //! ```
 #![deny(unsafe_code)]
 
-extern crate self as sk_core;
-
 pub mod eventloop;
 pub mod object;
 pub mod signal;
@@ -53,7 +51,9 @@ pub use thread::{Remote, SkThread};
 
 /// Everything a program needs: `use sk_core::prelude::*;`.
 pub mod prelude {
-    pub use crate::eventloop::{Cx, LoopSettings, Pulse, Run, SkApp, SkEventLoop, Timer, TimingMode};
+    pub use crate::eventloop::{
+        AppError, Cx, LoopSettings, Pulse, Run, SkApp, SkEventLoop, Timer, TimingMode,
+    };
     pub use crate::object::{Access, Address, Handle, MetaError, ObjectId, SkObject};
     pub use crate::signal::{Direct, Latest, Mode, OneShot, Queued, Signal};
     pub use crate::thread::{Remote, SkThread, ThreadError};
@@ -68,8 +68,8 @@ pub mod prelude {
 pub mod macro_support {
     pub use crate::object::{Extends, Itself, Node, Project, Through, assert_distinct, member_uid};
     pub use crate::signal::{
-        AnySignal, Bound, Convertible, Crossable, Described, FixedConversion, IntoOutcome, Outcome, SignalMeta,
-        SignalRef, SlotFor, SlotMeta, SlotRef, SlotTag, Staying, attach, attach_ignoring, bind_exact, bind_ref,
-        bind_slice, bind_str, detach,
+        AnySignal, Bound, Convertible, Crossable, Described, FixedConversion, IntoOutcome, Outcome,
+        SignalMeta, SignalRef, SlotFor, SlotMeta, SlotRef, SlotTag, Staying, attach, attach_ignoring,
+        bind_exact, bind_ref, bind_slice, bind_str, detach,
     };
 }

@@ -98,15 +98,20 @@ impl SkApp {
     pub fn run(&mut self) -> Run {
         self.cx.quitting = false;
         while !self.cx.quitting {
-            if !self.pulse() {
+            if !self.step_once() {
                 return Run::Nested;
             }
         }
         Run::Quit
     }
 
-    /// One round: the wait and all steps. `false` if a loop is being stepped on this thread already.
-    pub fn pulse(&mut self) -> bool {
+    /// One round: the wait and all steps. Inside a slot of another loop on this thread it does nothing but
+    /// log an error.
+    pub fn pulse(&mut self) {
+        self.step_once();
+    }
+
+    fn step_once(&mut self) -> bool {
         match self.scheduler.clone() {
             Some(scheduler) => scheduler.pulse_app(&mut self.cx),
             None => step(&mut self.cx, |cx| {

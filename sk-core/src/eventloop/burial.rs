@@ -64,7 +64,8 @@ impl Cx {
                 && !node.header().has(DYING)
             {
                 // What a hook spawns below its own object must not have hooks again, for ever.
-                let orphan = self.table.parent(at).is_some_and(|parent| self.is_dying(parent)) && !node.header().has(MARKED);
+                let orphan = self.table.parent(at).is_some_and(|parent| self.is_dying(parent))
+                    && !node.header().has(MARKED);
                 node.header().set(MARKED | DYING);
                 if !orphan {
                     self.run_hook(at, &*node, "on_destroy");

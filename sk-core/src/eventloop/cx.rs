@@ -6,7 +6,9 @@ use crate::eventloop::sk_event_loop::News;
 use crate::eventloop::stats::Measures;
 use crate::eventloop::timer::TimerHeap;
 use crate::eventloop::wait::Pacing;
-use crate::eventloop::{Counters, LoopSettings, LoopStats, Pulse, SettingsError, SkEventLoop, TimingMode, Watch, Zone};
+use crate::eventloop::{
+    Counters, LoopSettings, LoopStats, Pulse, SettingsError, SkEventLoop, TimingMode, Watch, Zone,
+};
 use crate::object::{Access, AnyNode, Handle, MARKED, NameError, Node, ObjectId, Placement, SkObject, Table};
 use crate::signal::{Bound, OnceCall, QueuedCall, Rewire};
 use crate::thread::{Inbox, Mailbox, RemoteReceive, There};

@@ -190,7 +190,9 @@ impl Cx {
         // While draining, the flag keeps the leases of the drained calls from draining again.
         header.set(DEFERRED);
         for _ in 0..count {
-            let Some(call) = self.parked.get_mut(&index).and_then(|waiting| waiting.pop_front()) else { break };
+            let Some(call) = self.parked.get_mut(&index).and_then(|waiting| waiting.pop_front()) else {
+                break;
+            };
             call.run(self);
         }
         if self.parked.get(&index).is_some_and(|waiting| !waiting.is_empty()) {
@@ -252,7 +254,10 @@ impl Cx {
     fn put_off_waiting(&mut self, id: ObjectId) {
         if let Some(node) = self.table.node(id).cloned()
             && node.header().has(WAITING)
-            && !self.queue.iter().any(|token| matches!(token, Token::Drain(waiting) if *waiting == id))
+            && !self
+                .queue
+                .iter()
+                .any(|token| matches!(token, Token::Drain(waiting) if *waiting == id))
         {
             node.header().set(DEFERRED);
             self.queue.push_back(Token::Drain(id));
@@ -288,7 +293,10 @@ impl Cx {
         if self.may_log() {
             let Failure { path, class, slot, message, .. } = &failure;
             let how = if panicked { "panicked" } else { "failed" };
-            tracing::error!(suppressed = self.log_budget.suppressed, "{class} {path}: slot {slot} {how}: {message}");
+            tracing::error!(
+                suppressed = self.log_budget.suppressed,
+                "{class} {path}: slot {slot} {how}: {message}"
+            );
         }
         if self.news.len() < self.settings.queue_calls_max {
             self.news.push_back(News::SlotFailed(failure));
@@ -342,7 +350,12 @@ impl Cx {
         }
     }
 
-    pub(crate) fn fire_own<A: ?Sized + ToOwned + 'static>(&mut self, emitter: ObjectId, links: &Links<A>, args: &A) {
+    pub(crate) fn fire_own<A: ?Sized + ToOwned + 'static>(
+        &mut self,
+        emitter: ObjectId,
+        links: &Links<A>,
+        args: &A,
+    ) {
         let before = self.chain_top();
         self.enter_access(emitter);
         if self.depth == 0 && !self.timing.on {
@@ -360,7 +373,8 @@ impl Cx {
         let frame = self.chain[(self.depth + 1).min(Frame::ROOM - 1)];
         let top = self.chain_top();
         if let Some(trace) = &self.trace {
-            let object = |frame: &Frame| u64::from(frame.object.index) << 32 | u64::from(frame.object.generation);
+            let object =
+                |frame: &Frame| u64::from(frame.object.index) << 32 | u64::from(frame.object.generation);
             let slot = |frame: &Frame| frame.slot.map_or(0, |slot| slot.uid);
             trace.call(object(&top), slot(&top), self.counters.queued_calls);
             trace.call(object(&frame), slot(&frame), self.counters.messages);
@@ -373,7 +387,11 @@ impl Cx {
     pub(crate) fn timed(&mut self, f: impl FnOnce(&mut Cx)) {
         let before = self.world.clock.now();
         let outer_nested = std::mem::take(&mut self.timing.nested);
-        if self.depth == 1 { self.guarded(f) } else { f(self) }
+        if self.depth == 1 {
+            self.guarded(f)
+        } else {
+            f(self)
+        }
         let nested = std::mem::replace(&mut self.timing.nested, outer_nested);
         let spent = self.world.clock.now().since(before);
         self.timing.nested += spent;

@@ -86,7 +86,11 @@ mod tests {
         assert_eq!(figures.count, 1001);
         let p50 = figures.p50.as_nanos() as f64;
         assert!((p50 / 501_000.0 - 1.0).abs() < 0.011, "{p50}");
-        assert!(figures.max >= Duration::from_secs(59), "longer spans count as the longest: {:?}", figures.max);
+        assert!(
+            figures.max >= Duration::from_secs(59),
+            "longer spans count as the longest: {:?}",
+            figures.max
+        );
         histogram.clear();
         assert_eq!(histogram.distribution(), Distribution::default());
     }

@@ -16,15 +16,15 @@ mod wait;
 mod work;
 mod zone;
 
-pub use app::{AppError, Run, SkApp, SkAppBuilder};
 pub(crate) use app::step;
+pub use app::{AppError, Run, SkApp, SkAppBuilder};
 pub use cx::{Cx, Spawner};
 pub use histogram::{Distribution, Histogram};
-pub(crate) use poll::{Dispatch, OS_SIGNALS_TOKEN};
+pub(crate) use poll::OS_SIGNALS_TOKEN;
 pub use pulse::Pulse;
 pub use settings::{
-    AfterFailure, LoopSettings, Overrun, RealtimeWishes, SettingsError, TimingMode, INTERVAL_DEFAULT,
-    SLOW_INTERVAL_DEFAULT,
+    AfterFailure, INTERVAL_DEFAULT, LoopSettings, Overrun, RealtimeWishes, SLOW_INTERVAL_DEFAULT,
+    SettingsError, TimingMode,
 };
 pub use sk_event_loop::{Failure, Overload, Reason, SkEventLoop, Watch};
 pub use stats::{Counters, LoopStats, Step};

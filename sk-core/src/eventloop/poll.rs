@@ -47,8 +47,12 @@ impl Sources {
     /// The owner is buried.
     pub(crate) fn forget(&mut self, owner: ObjectId) {
         if !self.entries.is_empty() {
-            let gone: Vec<usize> =
-                self.entries.iter().filter(|(_, source)| source.owner == owner).map(|(key, _)| key).collect();
+            let gone: Vec<usize> = self
+                .entries
+                .iter()
+                .filter(|(_, source)| source.owner == owner)
+                .map(|(key, _)| key)
+                .collect();
             for key in gone {
                 self.entries.remove(key);
                 self.ready.retain(|&ready| ready != key);
@@ -87,7 +91,12 @@ impl Cx {
     /// The descriptor is closed though its owner lives on.
     pub(crate) fn remove_source(&mut self, token: Token) {
         let (key, generation) = (token.0 as u32 as usize, (token.0 >> 32) as u32);
-        if self.sources.entries.get(key).is_some_and(|source| source.generation == generation) {
+        if self
+            .sources
+            .entries
+            .get(key)
+            .is_some_and(|source| source.generation == generation)
+        {
             self.sources.entries.remove(key);
             self.sources.ready.retain(|&ready| ready != key);
         }
@@ -148,7 +157,8 @@ impl Cx {
             return;
         }
         let more = dispatch(self, owner, readiness);
-        if let Some(source) = self.sources.entries.get_mut(key).filter(|s| more && s.generation == generation) {
+        if let Some(source) = self.sources.entries.get_mut(key).filter(|s| more && s.generation == generation)
+        {
             source.readable = true;
             if !source.queued {
                 source.queued = true;

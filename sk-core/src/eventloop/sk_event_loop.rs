@@ -109,7 +109,11 @@ pub struct Culprit {
 
 impl std::fmt::Display for Overload {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "a round took {:?} of an interval of {:?}, most of it in step {:?}", self.job_time, self.interval, self.step)?;
+        write!(
+            f,
+            "a round took {:?} of an interval of {:?}, most of it in step {:?}",
+            self.job_time, self.interval, self.step
+        )?;
         match &self.culprit {
             Some(culprit) => write!(f, "; {} of {} took {:?}", culprit.slot, culprit.path, culprit.time),
             None => Ok(()),

@@ -158,7 +158,8 @@ impl Cx {
 
     fn fire_timer(&mut self, timer: Handle<Timer>, now: Instant, due: Instant, number: u64) -> bool {
         let marked = self.table.node(timer.id()).is_none_or(|node| node.header().has(MARKED));
-        let current = !marked && self.with(timer, |timer, _| timer.running && timer.armed == number) == Ok(true);
+        let current =
+            !marked && self.with(timer, |timer, _| timer.running && timer.armed == number) == Ok(true);
         if !current {
             self.timers.void = self.timers.void.saturating_sub(1);
             return false;

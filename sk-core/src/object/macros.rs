@@ -15,7 +15,10 @@ pub const fn assert_distinct(uids: &[u64]) {
     while i < uids.len() {
         let mut j = i + 1;
         while j < uids.len() {
-            assert!(uids[i] != uids[j], "two members of this class have the same name, or the same hash: rename one");
+            assert!(
+                uids[i] != uids[j],
+                "two members of this class have the same name, or the same hash: rename one"
+            );
             j += 1;
         }
         i += 1;
@@ -53,39 +56,50 @@ pub const fn assert_distinct(uids: &[u64]) {
 /// - `for[T] where[T: Clone + 'static] Filter<T> { … }` is a generic object.
 #[macro_export]
 macro_rules! object {
-    (
-        $(for[$($g:ident),*] where[$($w:tt)*])? $vis:vis $name:ident $(<$($ga:ident),*>)?
-        $(: $field:ident = $base:ty)? {
+    (for[$($g:ident),*] where[$($w:tt)*] $($rest:tt)*) => { $crate::__object! { @head [$($g),*] [$($w)*] $($rest)* } };
+    ($($rest:tt)*) => { $crate::__object! { @head [] [] $($rest)* } };
+}
+
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __object {
+    (@head $g:tt $w:tt $vis:vis $name:ident $(<$($ga:ident),*>)? $(: $field:ident = $base:ty)? {
             $(signals { $($(#[$sm:meta])* $signal:ident ( $($sarg:tt)* ))* })?
             $(slots { $($(#[$lm:meta])* $slot:ident ( $($larg:tt)* ))* })?
             $(hooks { $($hook:ident)* })?
         }
     ) => {
         $crate::__object! {
-            @class [$vis $name] [$name $(<$($ga),*>)?] [$($($g),*)?] [$($($w)*)?] [$($field = $base)?]
+            @class [$vis $name] [$name $(<$($ga),*>)?] $g $w [$($field = $base)?]
             [$($($signal ( $($sarg)* ))*)?] [$($($slot ( $($larg)* ))*)?] [$($($hook)*)?]
         }
     };
-}
 
-#[doc(hidden)]
-#[macro_export]
-macro_rules! __object {
-    (@class [$vis:vis $name:ident] [$self:ty] [$($g:ident),*] [$($w:tt)*] [$($base:tt)*]
-        [$($signal:ident ( $($sarg:tt)* ))*] [$($slot:ident ( $($larg:tt)* ))*] [$($hook:ident)*]
+    (@class [$vis:vis $name:ident] [$self:ty] $g:tt $w:tt $base:tt
+        $signals:tt [$($slot:ident ( $($larg:tt)* ))*] $hooks:tt
     ) => {
         const _: () = {
+            $($crate::__slot! { [$name] [$self] $g $w $slot ( $($larg)* ) })*
+            $crate::__object! { @items [$name] [$self] $g $w $base $signals [$($slot)*] $hooks }
+        };
+    };
+
+    (@items [$name:ident] [$self:ty] [$($g:ident),*] [$($w:tt)*] [$($base:tt)*]
+        [$($signal:ident ( $($sarg:tt)* ))*] [$($slot:ident)*] [$($hook:ident)*]
+    ) => {
             const fn __uid(member: &str) -> u64 {
                 $crate::macro_support::member_uid(module_path!(), stringify!($name), member)
             }
             const _: () = $crate::macro_support::assert_distinct(&[$(__uid(stringify!($signal))),*]);
             const _: () = $crate::macro_support::assert_distinct(&[$(__uid(stringify!($slot))),*]);
 
+            #[allow(dead_code)]
             pub struct __Signals<P: $crate::object::Place, $($g),*> where $($w)* {
                 place: P,
                 base: $crate::__object!(@base_signals P [$($base)*]),
                 own: ::core::marker::PhantomData<fn() -> ($($g,)*)>,
             }
+            #[allow(dead_code)]
             pub struct __Slots<P: $crate::object::Place, $($g),*> where $($w)* {
                 place: P,
                 base: $crate::__object!(@base_slots P [$($base)*]),
@@ -93,11 +107,11 @@ macro_rules! __object {
             }
             $crate::__object! { @deref [$self] [$($g),*] [$($w)*] [$($base)*] }
 
-            struct __Metas<$($g),*> where $($w)* {
-                own: ::core::marker::PhantomData<fn() -> ($($g,)*)>,
-            }
             #[allow(non_upper_case_globals)]
-            impl<$($g),*> __Metas<$($g),*> where $($w)* {
+            trait __Metas {
+                $(const $signal: &'static $crate::macro_support::SignalMeta;)*
+            }
+            impl<$($g),*> __Metas for $self where $($w)* {
                 $(const $signal: &'static $crate::macro_support::SignalMeta = &$crate::macro_support::SignalMeta {
                     name: stringify!($signal),
                     class: stringify!($name),
@@ -117,25 +131,23 @@ macro_rules! __object {
                 $(pub fn $signal(
                     &self,
                 ) -> $crate::macro_support::SignalRef<$crate::__carried!($($sarg)*), P> {
-                    $crate::macro_support::SignalRef::new(self.place.clone(), __Metas::<$($g),*>::$signal)
+                    $crate::macro_support::SignalRef::new(self.place.clone(), <$self as __Metas>::$signal)
                 })*
             }
             #[allow(dead_code)]
             impl<P: $crate::object::Place, $($g),*> __Slots<P, $($g),*> where $($w)* {
-                $(pub fn $slot(&self) -> $crate::macro_support::SlotRef<$slot<$($g),*>, P> {
+                $(pub fn $slot(&self) -> $crate::macro_support::SlotRef<$slot<$self>, P> {
                     $crate::macro_support::SlotRef::new(self.place.clone())
                 })*
             }
-            $($crate::__slot! { [$name] [$self] [$($g),*] [$($w)*] $slot ( $($larg)* ) })*
-
             impl<$($g),*> $crate::object::SkObject for $self where $($w)* {
                 type Signals<P: $crate::object::Place> = __Signals<P, $($g),*>;
                 type Slots<P: $crate::object::Place> = __Slots<P, $($g),*>;
                 const CLASS: &'static $crate::object::Class = &$crate::object::Class {
                     name: stringify!($name),
                     type_id: ::core::any::TypeId::of::<Self>(),
-                    signals: &[$(__Metas::<$($g),*>::$signal),*],
-                    slots: &[$(<$slot<$($g),*> as $crate::macro_support::SlotTag>::META),*],
+                    signals: &[$(<$self as __Metas>::$signal),*],
+                    slots: &[$(<$slot<$self> as $crate::macro_support::SlotTag>::META),*],
                     base: $crate::__object!(@base_class [$($base)*]),
                 };
                 fn signals_of<P: $crate::object::Place>(place: &P) -> Self::Signals<P> {
@@ -168,7 +180,7 @@ macro_rules! __object {
                         &mut dyn $crate::macro_support::AnySignal,
                     ),
                 ) {
-                    $(f(__Metas::<$($g),*>::$signal, &mut self.$signal);)*
+                    $(f(<$self as __Metas>::$signal, &mut self.$signal);)*
                     $crate::__object!(@base_call self [()] each_signal(f) [$($base)*])
                 }
                 fn part_mut(&mut self, part: ::core::any::TypeId) -> Option<&mut dyn ::core::any::Any> {
@@ -184,7 +196,7 @@ macro_rules! __object {
                     args: ::core::any::TypeId,
                 ) -> Option<$crate::macro_support::Bound> {
                     $(if uid == const { __uid(stringify!($slot)) } {
-                        return <$slot<$($g),*> as $crate::macro_support::SlotTag>::bind::<O, P>(node, args);
+                        return <$slot<$self> as $crate::macro_support::SlotTag>::bind::<O, P>(node, args);
                     })*
                     $crate::__object!(@base_bind O P node uid args [$($base)*])
                 }
@@ -199,7 +211,6 @@ macro_rules! __object {
                     $crate::__object!(@base_call self [()] destroying(cx) [$($base)*]);
                 }
             }
-        };
     };
 
     (@base_signals $p:ident []) => { () };
@@ -283,7 +294,7 @@ macro_rules! __owned_tuple {
 macro_rules! __slot {
     ([$name:ident] $self:tt $g:tt $w:tt $slot:ident ()) => {
         $crate::__slot! { @tag [$name] $self $g $w $slot [] [()] [bind_exact] [] 0usize }
-        $crate::__slot! { @invoke $self $g $w $slot [()] args [] }
+        $crate::__slot! { @invoke $self $g $w $slot [()] (args) [] }
     };
     ([$name:ident] $self:tt $g:tt $w:tt $slot:ident (& $l:lifetime $t:ty $(,)?)) => {
         $crate::__slot! { @value [$name] $self $g $w $slot [& $l $t] [& $l $t] [bind_exact] [] }
@@ -319,7 +330,7 @@ macro_rules! __slot {
             @tag [$name] $self $g $w $slot [$($shown)*] [($($owned),*)] [bind_exact] []
             (0usize $(+ $crate::__slot!(@one $arg))*)
         }
-        $crate::__slot! { @invoke $self $g $w $slot [($($owned),*)] ($($arg),*) [$($pass),*] }
+        $crate::__slot! { @invoke $self $g $w $slot [($($owned),*)] (($($arg),*)) [$($pass),*] }
     };
     (@many $name:tt $self:tt $g:tt $w:tt $slot:ident $shown:tt [$($done:tt)*] & $l:lifetime $t:ty , $($rest:tt)*) => {
         $crate::__slot! { @many $name $self $g $w $slot $shown [$($done)* [arg & $l $t, *arg]] $($rest)* }
@@ -348,10 +359,10 @@ macro_rules! __slot {
         [$bind:ident] [$($turbo:tt)*] $count:expr
     ) => {
         #[allow(non_camel_case_types)]
-        pub struct $slot<$($g),*> where $($w)* {
-            own: ::core::marker::PhantomData<fn() -> ($($g,)*)>,
+        pub struct $slot<O> {
+            of: ::core::marker::PhantomData<fn() -> O>,
         }
-        impl<$($g),*> $crate::macro_support::SlotTag for $slot<$($g),*> where $($w)* {
+        impl<$($g),*> $crate::macro_support::SlotTag for $slot<$self> where $($w)* {
             type Object = $self;
             type Args = $args;
             const META: &'static $crate::macro_support::SlotMeta = &$crate::macro_support::SlotMeta {
@@ -375,7 +386,7 @@ macro_rules! __slot {
         }
     };
     (@generic [$self:ty] [$($g:ident),*] [$($w:tt)*] $slot:ident [$($bound:tt)*] $args:ident [$pass:expr]) => {
-        impl<__A: ?Sized + $($bound)*, $($g),*> $crate::macro_support::SlotFor<__A> for $slot<$($g),*>
+        impl<__A: ?Sized + $($bound)*, $($g),*> $crate::macro_support::SlotFor<__A> for $slot<$self>
         where $($w)*
         {
             #[inline]
@@ -384,8 +395,8 @@ macro_rules! __slot {
             }
         }
     };
-    (@invoke [$self:ty] [$($g:ident),*] [$($w:tt)*] $slot:ident [$carried:ty] $args:pat_param [$($pass:expr),*]) => {
-        impl<$($g),*> $crate::macro_support::SlotFor<$carried> for $slot<$($g),*> where $($w)* {
+    (@invoke [$self:ty] [$($g:ident),*] [$($w:tt)*] $slot:ident [$carried:ty] ($args:pat) [$($pass:expr),*]) => {
+        impl<$($g),*> $crate::macro_support::SlotFor<$carried> for $slot<$self> where $($w)* {
             #[inline]
             #[allow(unused_variables)]
             fn invoke(object: &mut $self, cx: &mut $crate::Cx, $args: &$carried) -> $crate::macro_support::Outcome {

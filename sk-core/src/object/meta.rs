@@ -32,8 +32,11 @@ pub trait SkObject: Sized + 'static {
     #[doc(hidden)]
     fn part_mut(&mut self, part: TypeId) -> Option<&mut dyn Any>;
     #[doc(hidden)]
-    fn bind_slot<O: SkObject, P: Project<O, Self>>(node: &Rc<Node<O>>, uid: u64, args: TypeId)
-    -> Option<Bound>;
+    fn bind_slot<O: SkObject, P: Project<O, Self>>(
+        node: &Rc<Node<O>>,
+        uid: u64,
+        args: TypeId,
+    ) -> Option<Bound>;
     #[doc(hidden)]
     fn spawned(&mut self, cx: &mut Cx);
     #[doc(hidden)]
@@ -93,12 +96,18 @@ impl Class {
 
     /// The signal of that name, looked for from the class itself towards its bases.
     pub fn signal(&'static self, name: &str) -> Option<&'static SignalMeta> {
-        self.lineage().flat_map(|class| class.signals).find(|signal| signal.name == name).copied()
+        self.lineage()
+            .flat_map(|class| class.signals)
+            .find(|signal| signal.name == name)
+            .copied()
     }
 
     /// The slot of that name, looked for from the class itself towards its bases.
     pub fn slot(&'static self, name: &str) -> Option<&'static SlotMeta> {
-        self.lineage().flat_map(|class| class.slots).find(|slot| slot.name == name).copied()
+        self.lineage()
+            .flat_map(|class| class.slots)
+            .find(|slot| slot.name == name)
+            .copied()
     }
 
     pub(crate) fn is_a(&'static self, type_id: TypeId) -> bool {

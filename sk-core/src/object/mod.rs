@@ -6,8 +6,8 @@ mod meta;
 mod node;
 mod table;
 
-pub use macros::{assert_distinct, member_uid};
 pub use handle::{Access, Handle, Here, ObjectId, Place};
+pub use macros::{assert_distinct, member_uid};
 pub use meta::{Address, Class, Extends, Itself, MetaError, Project, SkObject, Through};
 pub use node::Node;
 pub(crate) use node::{AnyNode, DEFERRED, Header, MARKED, WAITING};

@@ -63,8 +63,6 @@ pub(crate) trait AnyNode: Any {
     ) -> Result<(), Access>;
     fn spawned(&self, cx: &mut Cx);
     fn destroying(&self, cx: &mut Cx);
-    /// Takes the value out, to be dropped by the caller after the borrow has ended.
-    fn take(&self) -> Option<Box<dyn Any>>;
     /// Drops the value where it stands.
     fn clear(&self);
 }
@@ -123,11 +121,6 @@ impl<T: SkObject> AnyNode for Node<T> {
         {
             object.destroying(cx);
         }
-    }
-
-    fn take(&self) -> Option<Box<dyn Any>> {
-        let value = self.value.try_borrow_mut().ok()?.take()?;
-        Some(Box::new(value))
     }
 
     fn clear(&self) {

@@ -54,10 +54,12 @@ impl<A: FromVariant + Clone + 'static> Convertible for &Described<A> {
         }
         let converted = match args {
             [one] => A::from_variant(one),
-            many => A::from_variant(&SkVariant::List(many.to_vec())),
+            many => A::from_variant(&SkVariant::List(many.to_vec().into())),
         };
         let converted = converted.map_err(|error| error.to_string())?;
-        let call = bound.downcast::<Rc<dyn Call<A>>>().map_err(|_| "the slot has other types".to_owned())?;
+        let call = bound
+            .downcast::<Rc<dyn Call<A>>>()
+            .map_err(|_| "the slot has other types".to_owned())?;
         Ok(PreparedCall(Parked::<A>::boxed(&call, converted)))
     }
 }
@@ -203,7 +205,8 @@ impl Cx {
             None => {
                 let class = self.class_of(to.id).ok_or(MetaError::Gone(to.id))?;
                 let slot = slot_of(class, slot)?.uid;
-                self.rewires.push_back(Rewire::Detach { source, signal, target: Target::Local(to.id), slot });
+                self.rewires
+                    .push_back(Rewire::Detach { source, signal, target: Target::Local(to.id), slot });
                 Ok(())
             }
             Some(there) => {
@@ -301,7 +304,11 @@ impl Cx {
     }
 
     fn prepare(&mut self, id: ObjectId, slot: &str, args: &[SkVariant]) -> Result<PreparedCall, MetaError> {
-        let node = self.table.node(id).filter(|node| !node.header().has(MARKED)).ok_or(MetaError::Gone(id))?;
+        let node = self
+            .table
+            .node(id)
+            .filter(|node| !node.header().has(MARKED))
+            .ok_or(MetaError::Gone(id))?;
         let slot = slot_of(node.class(), slot)?;
         let refused = |found| MetaError::Arguments { slot: slot.name, expected: slot.args, found };
         let bound = Rc::clone(node).bind(slot.uid, (slot.args_type)());

@@ -1,7 +1,7 @@
 //! One link of a signal: to whom, how, and what waits on it.
 
 use crate::Cx;
-use crate::object::{MARKED, ObjectId, WAITING};
+use crate::object::{MARKED, WAITING};
 use crate::signal::{Call, Delivery, LinkKey, Mode, Reached, SlotMeta};
 use crate::thread::RemoteSend;
 use std::borrow::Borrow;
@@ -204,8 +204,6 @@ pub(crate) fn run_queued<A: ?Sized>(call: &dyn Call<A>, cx: &mut Cx, args: &A) {
 pub(crate) trait OnceCall {
     /// Runs it; nothing hinders it but the end of its object.
     fn run(self: Box<Self>, cx: &mut Cx);
-    fn target(&self) -> ObjectId;
-    fn slot(&self) -> &'static SlotMeta;
 }
 
 pub(crate) struct Parked<A: ?Sized + ToOwned> {
@@ -222,11 +220,5 @@ impl<A: ?Sized + ToOwned + 'static> Parked<A> {
 impl<A: ?Sized + ToOwned + 'static> OnceCall for Parked<A> {
     fn run(self: Box<Self>, cx: &mut Cx) {
         run_queued(&*self.call, cx, self.args.borrow());
-    }
-    fn target(&self) -> ObjectId {
-        self.call.target()
-    }
-    fn slot(&self) -> &'static SlotMeta {
-        self.call.slot()
     }
 }

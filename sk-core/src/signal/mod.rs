@@ -16,5 +16,5 @@ pub use mode::{AttachMode, Delivery, Direct, Latest, LinkShape, Mode, Once, OneS
 pub use signal::{AnySignal, LinkInfo, Signal};
 pub(crate) use signal::{Attached, Order};
 pub use slot::{IntoOutcome, Outcome, SignalMeta, SignalRef, SlotFor, SlotMeta, SlotRef, SlotTag};
-pub use topology::{Target, attach, attach_ignoring, detach};
 pub(crate) use topology::{LinkKey, Rewire, Wish};
+pub use topology::{Target, attach, attach_ignoring, detach};

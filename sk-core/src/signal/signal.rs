@@ -245,9 +245,10 @@ impl<A: ?Sized + ToOwned + 'static> Signal<A> {
                 let sender = sender.downcast::<Rc<dyn RemoteSend<()>>>().ok()?;
                 Some(Kind::Remote(Rc::new(IgnoringRemote(*sender))))
             }
-            End::Remote(sender) => {
-                sender.downcast::<Rc<dyn RemoteSend<A>>>().ok().map(|sender| Kind::Remote(*sender))
-            }
+            End::Remote(sender) => sender
+                .downcast::<Rc<dyn RemoteSend<A>>>()
+                .ok()
+                .map(|sender| Kind::Remote(*sender)),
             End::Local(bound) => {
                 let call: Rc<dyn Call<A>> = if order.ignoring && TypeId::of::<A>() != TypeId::of::<()>() {
                     Rc::new(Ignoring(*bound.downcast::<Rc<dyn Call<()>>>().ok()?))
@@ -279,7 +280,11 @@ impl<A: ?Sized + ToOwned + 'static> Signal<A> {
 
 impl<A: ?Sized + ToOwned + 'static> AnySignal for Signal<A> {
     fn attach(&mut self, order: Order) -> Attached {
-        if self.links.as_ref().is_some_and(|links| links.0.iter().any(|link| link.key == order.key)) {
+        if self
+            .links
+            .as_ref()
+            .is_some_and(|links| links.0.iter().any(|link| link.key == order.key))
+        {
             return Attached::Duplicate;
         }
         let key = order.key;

@@ -19,10 +19,11 @@ pub enum Target {
 }
 
 /// What makes two links of a signal the same: the receiver and its slot, whatever the mode.
+#[doc(hidden)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct LinkKey {
-    pub target: ObjectId,
-    pub slot: u64,
+pub struct LinkKey {
+    pub(crate) target: ObjectId,
+    pub(crate) slot: u64,
 }
 
 /// A link that is asked for.
@@ -40,9 +41,18 @@ pub(crate) struct Wish {
 /// A change of the graph, waiting for the rewire step.
 pub(crate) enum Rewire {
     Attach(Wish),
-    Detach { source: ObjectId, signal: &'static SignalMeta, target: Target, slot: u64 },
+    Detach {
+        source: ObjectId,
+        signal: &'static SignalMeta,
+        target: Target,
+        slot: u64,
+    },
     /// A receiver on another thread is gone.
-    Lost { source: ObjectId, signal: u64, key: LinkKey },
+    Lost {
+        source: ObjectId,
+        signal: u64,
+        key: LinkKey,
+    },
 }
 
 /// Which places a link can join: from here to here or there, from there to there.
@@ -67,18 +77,22 @@ where
     TP: Place,
     (SP, TP): Route,
 {
-    cx.request_attach(signal.place.target(), signal.meta, slot.target(), S::META, M::MODE, M::crossing(), false);
+    cx.request_attach(
+        signal.place.target(),
+        signal.meta,
+        slot.target(),
+        S::META,
+        M::MODE,
+        M::crossing(),
+        false,
+    );
 }
 
 /// What [`attach!`](crate::attach) expands to for `slot()`.
 #[doc(hidden)]
 #[inline]
-pub fn attach_ignoring<A, S, SP, TP, M>(
-    cx: &mut Cx,
-    signal: SignalRef<A, SP>,
-    slot: SlotRef<S, TP>,
-    _mode: M,
-) where
+pub fn attach_ignoring<A, S, SP, TP, M>(cx: &mut Cx, signal: SignalRef<A, SP>, slot: SlotRef<S, TP>, _mode: M)
+where
     A: ?Sized + ToOwned + 'static,
     S: SlotFor<()>,
     M: AttachMode<(), TP>,
@@ -86,7 +100,15 @@ pub fn attach_ignoring<A, S, SP, TP, M>(
     TP: Place,
     (SP, TP): Route,
 {
-    cx.request_attach(signal.place.target(), signal.meta, slot.target(), S::META, M::MODE, M::crossing(), true);
+    cx.request_attach(
+        signal.place.target(),
+        signal.meta,
+        slot.target(),
+        S::META,
+        M::MODE,
+        M::crossing(),
+        true,
+    );
 }
 
 /// What [`detach!`](crate::detach) expands to.
@@ -135,7 +157,8 @@ impl Cx {
     ) {
         match source {
             Target::Local(source) => {
-                self.rewires.push_back(Rewire::Detach { source, signal, target, slot: slot.uid });
+                self.rewires
+                    .push_back(Rewire::Detach { source, signal, target, slot: slot.uid });
             }
             Target::Remote(there) => {
                 let source = there.id;
@@ -204,7 +227,8 @@ impl Cx {
             Target::Local(id) => Some(*id),
             Target::Remote(there) => self.is_mine(there).then_some(there.id),
         };
-        let Some(source) = self.table.node(wish.source).filter(|node| !node.header().has(MARKED)).cloned() else {
+        let Some(source) = self.table.node(wish.source).filter(|node| !node.header().has(MARKED)).cloned()
+        else {
             self.counters.links_refused += 1;
             return;
         };
@@ -234,7 +258,11 @@ impl Cx {
             Attached::Mismatch => {
                 self.counters.links_refused += 1;
                 let (signal, slot) = (wish.signal, wish.slot);
-                tracing::warn!(?signal, ?slot, "a link was refused: the slot does not take what the signal carries");
+                tracing::warn!(
+                    ?signal,
+                    ?slot,
+                    "a link was refused: the slot does not take what the signal carries"
+                );
             }
         }
     }

@@ -143,8 +143,7 @@ fn receive<A>(
 }
 
 fn tell(back: &WayBack, target: ObjectId, slot: u64) {
-    let lost =
-        Rewire::Lost { source: back.there.id, signal: back.signal, key: LinkKey { target, slot } };
+    let lost = Rewire::Lost { source: back.there.id, signal: back.signal, key: LinkKey { target, slot } };
     // The sender's loop may have ended first: then there is nobody to tell.
     let _ = back.there.mailbox.post_anyway(Message::Rewire(Box::new(lost)));
 }
@@ -223,7 +222,9 @@ impl<A: ?Sized + ToOwned> Drop for Sending<A> {
     fn drop(&mut self) {
         let number = self.number;
         // Behind the calls that are under way: those are still delivered.
-        let _ = self.mailbox.post_anyway(Message::Run(Box::new(move |cx| cx.close_crossing(number))));
+        let _ = self
+            .mailbox
+            .post_anyway(Message::Run(Box::new(move |cx| cx.close_crossing(number))));
     }
 }
 

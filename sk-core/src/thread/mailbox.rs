@@ -1,9 +1,9 @@
 //! The one way into a loop from other threads.
 
+use crate::Cx;
 use crate::signal::Rewire;
 use crate::thread::PostError;
 use crate::world::Wake;
-use crate::Cx;
 use crossbeam_channel::{Receiver, Sender};
 use std::any::Any;
 use std::sync::Arc;
