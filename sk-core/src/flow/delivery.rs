@@ -205,7 +205,7 @@ impl Book {
 
     /// Takes a message in. Older ones that have not begun make room: beyond the depth as `NewestWins`,
     /// beyond `room` bytes as `Full`; if that is not enough, the message itself is dropped as `Full`.
-    /// `room` is what the connection may still queue, not counting what this book holds already.
+    /// `room` is what the connection may queue beyond all that it queues now, in this book and others.
     pub fn offer(&mut self, message: &Outgoing, room: usize) {
         self.counts.offered += 1;
         let mut room = room;

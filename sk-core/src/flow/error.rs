@@ -117,7 +117,7 @@ macro_rules! codes {
 }
 
 codes! {
-    /// Why an honest request was refused. The connection lives on, but for `LoginFailed`.
+    /// Why an honest request was refused. The connection lives on.
     RefusalCode {
         /// The account has no right to do this.
         Denied = 1,
@@ -135,12 +135,10 @@ codes! {
         TooManySubscriptions = 7,
         /// The hub has no free channel.
         NoFreeChannel = 8,
-        /// The proof is wrong, or this way of logging in is not open to this connection.
-        LoginFailed = 9,
         /// The unfinished messages of this connection hold as many bytes as they may.
-        Full = 10,
+        Full = 9,
         /// The properties are not a map.
-        BadProperties = 11,
+        BadProperties = 10,
     }
 }
 
@@ -153,7 +151,7 @@ codes! {
         Shutdown = 2,
         /// The two sides have no version in common.
         Version = 3,
-        /// The login failed.
+        /// The proof is wrong, or this way of logging in is not open to this connection.
         LoginFailed = 4,
         /// Control frames waited beyond their limit: the peer reads too slowly.
         ControlFull = 5,

@@ -21,6 +21,8 @@ pub mod frame;
 pub mod limits;
 pub mod login;
 mod properties;
+
+pub mod server;
 pub mod state;
 pub mod table;
 pub mod wire;

@@ -27,7 +27,7 @@ flow_table! {
         message_bytes: u32 = "The longest message that the client takes, at least `fragment_bytes`.",
         nonce: [u8; 32] = "Random bytes, new for each connection.",
     }
-    /// Logs in to the owner's account by proof of the owner's token.
+    /// Logs in to the owner's account by proof of the owner's token; answered by `logged_in`, or `closing`.
     0x02 login_token LoginToken [Login] Nothing 16 whole {
         proof: [u8; 32] = "HMAC-SHA-256 over both nonces, keyed by the token.",
     }
@@ -153,7 +153,7 @@ flow_table! {
         channel: ChannelRef = "The channel.",
     }
     /// The command with this tag was refused and changed nothing.
-    0xf0 refused Refused [Login Synchronous Flow] Nothing 1 whole {
+    0xf0 refused Refused [Synchronous Flow] Nothing 1 whole {
         code: u16 = "Why; see the list of refusal codes.",
         text: String = "The same for people.",
     }
