@@ -158,7 +158,8 @@ impl<T> Registry<T> {
         let slot = &mut self.slots[usize::from(id)];
         slot.epoch = slot.epoch.checked_add(1).unwrap_or(1);
         let reference = ChannelRef { id: id as i16, epoch: slot.epoch };
-        slot.open = Some(Box::new((Channel { reference, name: name.clone(), hash, owner, properties }, beside)));
+        slot.open =
+            Some(Box::new((Channel { reference, name: name.clone(), hash, owner, properties }, beside)));
         self.open += 1;
         self.names.insert(name, id);
         self.hashes.insert(hash, id);
@@ -173,7 +174,8 @@ impl<T> Registry<T> {
         self.open -= 1;
         self.names.remove(&channel.name);
         self.hashes.remove(&channel.hash);
-        let ids = if usize::from(id) < CHANNELS_RESERVED_FOR_HUB { &mut self.for_hub } else { &mut self.for_flows };
+        let ids =
+            if usize::from(id) < CHANNELS_RESERVED_FOR_HUB { &mut self.for_hub } else { &mut self.for_flows };
         ids.freed.push_back(id);
         Some((channel, beside))
     }
@@ -181,13 +183,21 @@ impl<T> Registry<T> {
     /// The channel of a reference; `None` if it is stale.
     pub fn get(&self, reference: ChannelRef) -> Option<&(Channel, T)> {
         let id = usize::try_from(reference.id).ok()?;
-        self.slots.get(id)?.open.as_deref().filter(|(channel, _)| channel.reference == reference)
+        self.slots
+            .get(id)?
+            .open
+            .as_deref()
+            .filter(|(channel, _)| channel.reference == reference)
     }
 
     /// The channel of a reference, to be changed; `None` if it is stale.
     pub fn get_mut(&mut self, reference: ChannelRef) -> Option<&mut (Channel, T)> {
         let id = usize::try_from(reference.id).ok()?;
-        self.slots.get_mut(id)?.open.as_deref_mut().filter(|(channel, _)| channel.reference == reference)
+        self.slots
+            .get_mut(id)?
+            .open
+            .as_deref_mut()
+            .filter(|(channel, _)| channel.reference == reference)
     }
 
     /// The channel of a full name.

@@ -144,14 +144,23 @@ impl Definition {
             State::Greeting | State::Login => self.bytes_max().min(BODY_BYTES_MAX_BEFORE_LOGIN),
             State::Synchronous | State::Flow => self.bytes_max(),
         };
-        if self.fragment { max - FRAGMENT_BYTES_MAX + fragment_bytes_max.min(FRAGMENT_BYTES_MAX) } else { max }
+        if self.fragment {
+            max - FRAGMENT_BYTES_MAX + fragment_bytes_max.min(FRAGMENT_BYTES_MAX)
+        } else {
+            max
+        }
     }
 
     /// Whether a frame with this header may come now.
     ///
     /// # Errors
     /// If state, flags or length forbid it.
-    pub fn admit(&self, header: Header, state: State, fragment_bytes_max: usize) -> Result<(), ProtocolError> {
+    pub fn admit(
+        &self,
+        header: Header,
+        state: State,
+        fragment_bytes_max: usize,
+    ) -> Result<(), ProtocolError> {
         let kind = self.name;
         if !self.states.has(state) {
             return Err(ProtocolError::WrongState { kind, state });

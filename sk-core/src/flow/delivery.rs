@@ -34,7 +34,9 @@ impl Outgoing {
     pub fn new(channel: ChannelRef, message: u32, pieces: Pieces) -> Outgoing {
         let count = pieces.len();
         let charge = pieces.iter().map(Bytes::len).sum::<usize>() + ITEM_OVERHEAD_BYTES * count;
-        let fragment = |(index, payload)| Fragment::new(channel, message, Flags::of(index == 0, index + 1 == count), payload);
+        let fragment = |(index, payload)| {
+            Fragment::new(channel, message, Flags::of(index == 0, index + 1 == count), payload)
+        };
         let fragments = pieces.into_iter().enumerate().map(fragment).collect();
         Outgoing { channel, message, charge, fragments }
     }

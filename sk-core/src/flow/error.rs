@@ -74,9 +74,6 @@ pub enum ProtocolError {
     /// The other side could not prove that it knows the token.
     #[error("the hub's proof is wrong")]
     FalseHub,
-    /// An answer to a tag on which nothing was asked.
-    #[error("an answer to the unknown tag {0}")]
-    UnknownTag(u32),
 }
 
 macro_rules! codes {

@@ -147,8 +147,14 @@ mod tests {
         // Python: hmac.new(bytes(range(32)), label + b"\x01"*32 + b"\x02"*32, "sha256").hexdigest()
         let token = OwnerToken::new(std::array::from_fn(|index| index as u8));
         let hex = |proof: Proof| proof.iter().map(|byte| format!("{byte:02x}")).collect::<String>();
-        assert_eq!(hex(token.client_proof(&[1; 32], &[2; 32])), "be7ae0289b3932acb1060f7f88cfa1829a052bd50d44ff3a8ab748749293c3f7");
-        assert_eq!(hex(token.hub_proof(&[2; 32], &[1; 32])), "3484161a754a997f621cae71aa94774d8961e5e2b71e122e72a0e9fe0a18e5bd");
+        assert_eq!(
+            hex(token.client_proof(&[1; 32], &[2; 32])),
+            "be7ae0289b3932acb1060f7f88cfa1829a052bd50d44ff3a8ab748749293c3f7"
+        );
+        assert_eq!(
+            hex(token.hub_proof(&[2; 32], &[1; 32])),
+            "3484161a754a997f621cae71aa94774d8961e5e2b71e122e72a0e9fe0a18e5bd"
+        );
     }
 
     #[test]

@@ -21,6 +21,7 @@ pub mod frame;
 pub mod limits;
 pub mod login;
 mod properties;
+pub mod satellite;
 
 pub mod server;
 pub mod state;
@@ -30,7 +31,7 @@ pub mod wire;
 pub use codec::ChannelRef;
 pub use definition::{Definition, Direction, Encoded, Field, Message, Right, Rights, States, Tagged};
 pub use error::{ClosingReason, ProtocolError, RefusalCode};
-pub use frame::Flags;
+pub use frame::{Flags, Header};
 pub use properties::Properties;
 pub use state::{Inbound, State};
 pub use table::{Command, Event};

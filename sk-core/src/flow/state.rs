@@ -123,7 +123,9 @@ impl<M: Message> Inbound<M> {
     #[expect(clippy::should_implement_trait, reason = "an error ends it and it may go on after `None`")]
     pub fn next(&mut self) -> Result<Option<Tagged<M>>, ProtocolError> {
         let (state, fragment) = (self.state, self.fragment_bytes_max);
-        let Some(frame) = self.buffer.next(|header| admit::<M>(header, state, fragment))? else { return Ok(None) };
+        let Some(frame) = self.buffer.next(|header| admit::<M>(header, state, fragment))? else {
+            return Ok(None);
+        };
         M::decode(frame.header, frame.body, bytes::Bytes::new()).map(Some)
     }
 

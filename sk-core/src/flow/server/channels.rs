@@ -23,17 +23,25 @@ impl ServerCore {
         }
     }
 
-    fn try_create(&mut self, id: ConnectionId, name: &str, properties: Properties) -> Result<ChannelRef, RefusalCode> {
+    fn try_create(
+        &mut self,
+        id: ConnectionId,
+        name: &str,
+        properties: Properties,
+    ) -> Result<ChannelRef, RefusalCode> {
         let connection = self.connections.get(id).ok_or(RefusalCode::Denied)?;
         let user = connection.user.as_ref().ok_or(RefusalCode::Denied)?;
-        let full = Name::new(name).and_then(|name| Name::compose(user, &name)).map_err(|_| RefusalCode::BadName)?;
+        let full = Name::new(name)
+            .and_then(|name| Name::compose(user, &name))
+            .map_err(|_| RefusalCode::BadName)?;
         if connection.owned.len() >= CHANNELS_PER_FLOW_MAX {
             return Err(RefusalCode::TooManyChannels);
         }
         if !properties.is_map() {
             return Err(RefusalCode::BadProperties);
         }
-        self.channels.add(full, Owner::Flow(id.wire()), properties, Subscribers::default())
+        self.channels
+            .add(full, Owner::Flow(id.wire()), properties, Subscribers::default())
     }
 
     /// Opens a channel of the hub's own. It outlives every flow; administrators may remove it.
@@ -59,8 +67,13 @@ impl ServerCore {
     }
 
     pub(super) fn remove_on_request(&mut self, id: ConnectionId, tag: u32, channel: ChannelRef) {
-        let Some((known, _)) = self.channels.get(channel) else { return self.refuse(id, tag, RefusalCode::Gone) };
-        let administers = self.connections.get(id).is_some_and(|found| found.rights.has(Right::Administer));
+        let Some((known, _)) = self.channels.get(channel) else {
+            return self.refuse(id, tag, RefusalCode::Gone);
+        };
+        let administers = self
+            .connections
+            .get(id)
+            .is_some_and(|found| found.rights.has(Right::Administer));
         if known.owner == Owner::Flow(id.wire()) || administers {
             self.remove_channel(channel, Some((id, tag)), DropReason::Gone);
         } else {
@@ -90,7 +103,11 @@ impl ServerCore {
             connection.gathering.forget(channel);
         }
         let event = Event::ChannelRemoved { channel };
-        self.tell_flows(channel, event.encode(0, Flags::NONE), asked.map(|(id, tag)| (id, event.encode(tag, Flags::NONE))));
+        self.tell_flows(
+            channel,
+            event.encode(0, Flags::NONE),
+            asked.map(|(id, tag)| (id, event.encode(tag, Flags::NONE))),
+        );
         self.notices.push_back(Notice::ChannelRemoved { channel, name: known.name });
     }
 
@@ -206,8 +223,11 @@ impl ServerCore {
             Owner::Hub => self.notices.push_back(Notice::StopPublishing { channel }),
             Owner::Flow(_) => {
                 let Some(owner) = owning_flow(&self.connections, owner) else { return };
-                let event =
-                    if start { Event::StartPublishing { channel } } else { Event::StopPublishing { channel } };
+                let event = if start {
+                    Event::StartPublishing { channel }
+                } else {
+                    Event::StopPublishing { channel }
+                };
                 self.answer(owner, 0, &event);
             }
         }

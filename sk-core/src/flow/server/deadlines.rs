@@ -47,8 +47,10 @@ impl ServerCore {
         if late_login || late_frame || silence >= SILENCE_MAX {
             return self.close(id, ClosingReason::Silent);
         }
-        let asks = connection.user.is_some() && silence >= PING_AFTER && now.since(connection.pinged) >= PING_AFTER;
-        let reports = connection.output.has_losses && now.since(connection.reported) >= DROPPED_REPORT_INTERVAL;
+        let asks =
+            connection.user.is_some() && silence >= PING_AFTER && now.since(connection.pinged) >= PING_AFTER;
+        let reports =
+            connection.output.has_losses && now.since(connection.reported) >= DROPPED_REPORT_INTERVAL;
         if asks {
             connection.pinged = now;
             self.pings = self.pings.wrapping_add(1).max(1);
@@ -71,7 +73,8 @@ impl ServerCore {
     /// Closes the oldest connection without login of the address that has most of them, so that a good
     /// login always finds a place.
     pub(super) fn evict(&mut self) {
-        let mut by_address: BTreeMap<Option<std::net::IpAddr>, (usize, Instant, ConnectionId)> = BTreeMap::new();
+        let mut by_address: BTreeMap<Option<std::net::IpAddr>, (usize, Instant, ConnectionId)> =
+            BTreeMap::new();
         for (id, connection) in self.connections.iter().filter(|(_, connection)| is_waiting(connection)) {
             let address = match connection.origin {
                 Origin::Network(address) => Some(address),
@@ -83,9 +86,9 @@ impl ServerCore {
                 (entry.1, entry.2) = (connection.opened, id);
             }
         }
-        let busiest = by_address.into_values().max_by_key(|(count, opened, id)| {
-            (*count, std::cmp::Reverse(*opened), std::cmp::Reverse(*id))
-        });
+        let busiest = by_address
+            .into_values()
+            .max_by_key(|(count, opened, id)| (*count, std::cmp::Reverse(*opened), std::cmp::Reverse(*id)));
         if let Some((.., id)) = busiest {
             self.close(id, ClosingReason::Crowded);
         }

@@ -150,7 +150,12 @@ impl ServerCore {
     ///
     /// # Errors
     /// If the hub is full. The transport then closes the socket.
-    pub fn open(&mut self, origin: Origin, nonce: Nonce, now: Instant) -> Result<ConnectionId, TooManyConnections> {
+    pub fn open(
+        &mut self,
+        origin: Origin,
+        nonce: Nonce,
+        now: Instant,
+    ) -> Result<ConnectionId, TooManyConnections> {
         self.now = now;
         if self.connections.len() >= CONNECTIONS_MAX {
             return Err(TooManyConnections);
@@ -174,7 +179,9 @@ impl ServerCore {
     /// Whether the transport should read more from this connection.
     pub fn wants_input(&self, id: ConnectionId) -> bool {
         self.connections.get(id).is_some_and(|connection| {
-            !connection.is_held() && !connection.queued && connection.inbound.pending() <= 2 * FRAGMENT_BYTES_MAX
+            !connection.is_held()
+                && !connection.queued
+                && connection.inbound.pending() <= 2 * FRAGMENT_BYTES_MAX
         })
     }
 
@@ -191,13 +198,18 @@ impl ServerCore {
 
     /// Whether a connection has something to write.
     pub fn has_output(&self, id: ConnectionId) -> bool {
-        self.connections.get(id).is_some_and(|connection| !connection.output.is_empty() || connection.replay.is_some())
+        self.connections
+            .get(id)
+            .is_some_and(|connection| !connection.output.is_empty() || connection.replay.is_some())
     }
 
     /// The next bytes for the transport, for one vectored write of at most `slices_max` parts.
     pub fn slices(&mut self, id: ConnectionId, slices_max: usize) -> Vec<IoSlice<'_>> {
         self.fill(id);
-        self.connections.get(id).map(|connection| connection.output.wire().slices(slices_max)).unwrap_or_default()
+        self.connections
+            .get(id)
+            .map(|connection| connection.output.wire().slices(slices_max))
+            .unwrap_or_default()
     }
 
     /// Notes that the transport took the first `count` bytes.
@@ -242,12 +254,16 @@ impl ServerCore {
 
     /// The state of a connection and the account it logged in to.
     pub fn connection(&self, id: ConnectionId) -> Option<(State, Option<&Name>)> {
-        self.connections.get(id).map(|connection| (connection.inbound.state(), connection.user.as_ref()))
+        self.connections
+            .get(id)
+            .map(|connection| (connection.inbound.state(), connection.user.as_ref()))
     }
 
     /// All channels by identifier, each with the number of its subscribers.
     pub fn channels(&self) -> impl Iterator<Item = (&Channel, usize)> {
-        self.channels.iter().map(|(channel, subscribers)| (channel, subscribers.list.len()))
+        self.channels
+            .iter()
+            .map(|(channel, subscribers)| (channel, subscribers.list.len()))
     }
 
     /// The counts of a live subscription.
@@ -258,7 +274,9 @@ impl ServerCore {
     /// The sum of the counts of all subscriptions, live and ended.
     pub fn totals(&self) -> Counts {
         let mut sum = self.ended;
-        self.connections.iter().for_each(|(_, connection)| connection.output.add_counts(&mut sum));
+        self.connections
+            .iter()
+            .for_each(|(_, connection)| connection.output.add_counts(&mut sum));
         sum
     }
 

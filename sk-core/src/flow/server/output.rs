@@ -14,7 +14,10 @@ use std::collections::VecDeque;
 pub(super) enum Note {
     Nothing,
     /// The frame ended a message of this subscription.
-    EndsMessage { slot: usize, serial: u64 },
+    EndsMessage {
+        slot: usize,
+        serial: u64,
+    },
 }
 
 #[derive(Debug)]
@@ -106,7 +109,10 @@ impl Output {
 
     /// The subscribed channels, in the order of their slots.
     pub(super) fn channels(&self) -> Vec<ChannelRef> {
-        self.subscriptions.iter().map(|(_, subscription)| subscription.channel).collect()
+        self.subscriptions
+            .iter()
+            .map(|(_, subscription)| subscription.channel)
+            .collect()
     }
 
     /// Ends a subscription: frames of it that were not begun do not go any more.
@@ -127,7 +133,9 @@ impl Output {
 
     /// Adds the counts of all subscriptions.
     pub(super) fn add_counts(&self, sum: &mut Counts) {
-        self.subscriptions.iter().for_each(|(_, subscription)| sum.add(subscription.book.counts()));
+        self.subscriptions
+            .iter()
+            .for_each(|(_, subscription)| sum.add(subscription.book.counts()));
     }
 
     /// Offers a message to a subscription.
@@ -180,7 +188,8 @@ impl Output {
             let Some(subscription) = self.subscriptions.get_mut(slot) else { continue };
             if let Some((frame, ends)) = subscription.book.next_frame(self.fragment_bytes_max) {
                 let serial = subscription.serial;
-                self.wire.push(frame, if ends { Note::EndsMessage { slot, serial } } else { Note::Nothing });
+                self.wire
+                    .push(frame, if ends { Note::EndsMessage { slot, serial } } else { Note::Nothing });
             }
             subscription.in_turn = subscription.book.is_ready();
             if subscription.in_turn {

@@ -94,14 +94,18 @@ impl ServerCore {
         }
         match message {
             Command::Hello { magic, version, version_oldest, fragment_bytes, message_bytes, nonce } => {
-                self.hello(id, tag, super::login::Greeting {
-                    magic,
-                    version,
-                    version_oldest,
-                    fragment_bytes,
-                    message_bytes,
-                    nonce,
-                })?;
+                self.hello(
+                    id,
+                    tag,
+                    super::login::Greeting {
+                        magic,
+                        version,
+                        version_oldest,
+                        fragment_bytes,
+                        message_bytes,
+                        nonce,
+                    },
+                )?;
             }
             Command::LoginToken { proof } => self.login_token(id, tag, &proof),
             Command::LoginPeer {} => self.login_peer(id, tag),
