@@ -20,6 +20,11 @@ use std::time::Duration;
 /// assert_eq!((1u8, "two").into_variant().to_string(), r#"[1,"two"]"#);
 /// assert_eq!(vec![1u8, 2].into_variant().kind(), sk_flat::Kind::Bytes);
 /// ```
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` cannot become a variant",
+    label = "no `IntoVariant` for this type",
+    note = "a struct or enum of your own gets it by `#[derive(SkVariant)]`"
+)]
 pub trait IntoVariant {
     /// The value as a variant.
     fn into_variant(self) -> SkVariant;
@@ -42,6 +47,11 @@ pub trait IntoVariant {
 /// assert_eq!(f32::from_variant(&value), Ok(300.0));
 /// assert_eq!(u8::from_variant(&value).unwrap_err().to_string(), "300 does not fit u8");
 /// ```
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` cannot be read from a variant",
+    label = "no `FromVariant` for this type",
+    note = "a struct or enum of your own gets it by `#[derive(SkVariant)]`"
+)]
 pub trait FromVariant: Sized {
     /// Reads the value.
     ///
@@ -189,7 +199,11 @@ fn one_char(text: &str) -> Result<char, VariantError> {
     let mut chars = text.chars();
     match (chars.next(), chars.next()) {
         (Some(c), None) => Ok(c),
-        _ => Err(VariantError::Length { expected: 1, found: text.chars().count() }.in_field("characters")),
+        _ => {
+            let found = text.chars().count();
+            let problem = format!("expected a string of one character, found one of {found}");
+            Err(VariantError::Custom(problem.into()))
+        }
     }
 }
 

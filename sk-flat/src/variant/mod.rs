@@ -5,11 +5,14 @@ mod compare;
 mod containers;
 mod convert;
 mod limits;
+mod serial;
 mod show;
+pub mod text;
 mod tree;
 
 pub use convert::{FromVariant, IntoVariant};
 pub use limits::{Limits, TEXT_BYTES_MAX, VARIANT_BYTES_MAX, VARIANT_DEPTH_MAX, VARIANT_NODES_MAX};
+pub use serial::{from_variant_serde, to_variant};
 pub use tree::{SkList, SkMap};
 
 use bytes::Bytes;

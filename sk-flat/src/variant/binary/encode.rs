@@ -15,7 +15,7 @@ impl SkVariant {
     /// use sk_flat::SkVariant;
     ///
     /// let value = SkVariant::list([1u8, 2]);
-    /// assert_eq!(value.encode()?, [13, 2, 0, 0, 0, 1, 2].map(u8::from));
+    /// assert_eq!(value.encode()?, [14, 2, 0, 0, 0, 6, 1, 6, 2]);
     /// # Ok::<(), sk_flat::VariantError>(())
     /// ```
     pub fn encode(&self) -> Result<Vec<u8>, VariantError> {

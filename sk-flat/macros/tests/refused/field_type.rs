@@ -1,0 +1,10 @@
+use sk_flat::SkVariant;
+
+struct Foreign;
+
+#[derive(SkVariant)]
+struct Holder {
+    foreign: Foreign,
+}
+
+fn main() {}
