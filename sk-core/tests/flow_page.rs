@@ -155,6 +155,21 @@ fn the_golden_vectors_are_what_this_build_writes() {
 }
 
 #[test]
+fn the_fuzz_dictionary_has_the_header_of_every_kind() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz/flow_frame.dict");
+    let mut made =
+        String::from("# Headers of the flow protocol, for libFuzzer: -dict=fuzz/flow_frame.dict\n");
+    let mut seen = BTreeSet::new();
+    for (name, bytes) in vectors() {
+        if (name.starts_with("command.") || name.starts_with("event.")) && seen.insert(bytes[0]) {
+            let hex: String = bytes[..6].iter().map(|byte| format!("\\x{byte:02x}")).collect();
+            let _ = writeln!(made, "{}=\"{hex}\"", name.replace('.', "_"));
+        }
+    }
+    compare_or_rewrite(&path, &fs::read_to_string(&path).unwrap_or_default(), &made);
+}
+
+#[test]
 fn every_kind_has_a_vector_that_reads_back() {
     let mut seen = BTreeSet::new();
     for (name, bytes) in vectors() {

@@ -156,10 +156,3 @@ codes! {
         Crowded = 6,
     }
 }
-
-impl From<u16> for ClosingReason {
-    /// A number of a newer hub reads as `Shutdown`: the connection ends either way.
-    fn from(code: u16) -> Self {
-        ClosingReason::from_code(code).unwrap_or(ClosingReason::Shutdown)
-    }
-}

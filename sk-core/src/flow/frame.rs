@@ -115,7 +115,13 @@ pub fn check(
 #[derive(Debug, Default)]
 pub struct FrameBuffer {
     bytes: BytesMut,
+    /// Whether a frame was taken out of the storage that `bytes` is in.
+    shared: bool,
 }
+
+/// A shorter beginning of a frame is copied out of the storage that it shares with the frames before it,
+/// so that a peer which sends a little and waits does not keep a large buffer alive.
+const COPIED_REST_BYTES_MAX: usize = 4096;
 
 impl FrameBuffer {
     /// Adds received bytes.
@@ -131,8 +137,15 @@ impl FrameBuffer {
         &mut self,
         admit: impl FnOnce(Header) -> Result<(), ProtocolError>,
     ) -> Result<Option<Frame>, ProtocolError> {
-        let Some(header) = check(&self.bytes, admit)? else { return Ok(None) };
+        let Some(header) = check(&self.bytes, admit)? else {
+            if self.shared && self.bytes.len() <= COPIED_REST_BYTES_MAX {
+                self.bytes = BytesMut::from(&self.bytes[..]);
+                self.shared = false;
+            }
+            return Ok(None);
+        };
         let mut frame = self.bytes.split_to(HEADER_BYTES + header.length as usize).freeze();
+        self.shared = !self.bytes.is_empty();
         if self.bytes.is_empty() {
             // An idle connection keeps no buffer, and the frame's bytes are free when its reader is done.
             self.bytes = BytesMut::new();
@@ -189,6 +202,15 @@ mod tests {
         let frames = all(&mut buffer);
         assert_eq!(frames[0].body.as_ptr() as usize, start + HEADER_BYTES);
         assert_eq!(frames[1].body.as_ptr() as usize, start + 2 * HEADER_BYTES + 5);
+    }
+
+    #[test]
+    fn the_small_beginning_of_a_frame_does_not_keep_the_buffer_of_those_before_it() {
+        let mut buffer = FrameBuffer::default();
+        buffer.feed(&[frame(1, 0, &[0; 60_000]), vec![2, 0, 9]].concat());
+        assert_eq!(all(&mut buffer).len(), 1);
+        assert_eq!(buffer.pending(), 3);
+        assert!(buffer.bytes.capacity() < 100, "{} bytes", buffer.bytes.capacity());
     }
 
     proptest! {
