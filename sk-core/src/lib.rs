@@ -36,6 +36,7 @@
 #![deny(unsafe_code)]
 
 pub mod eventloop;
+pub mod flow;
 pub mod object;
 pub mod signal;
 mod sys;
