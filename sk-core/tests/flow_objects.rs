@@ -3,11 +3,11 @@
 use sk_core::flow::server::Settings;
 use sk_core::flow::{FlowMessage, HubAddress, Rights, SkFlowSat, SkFlowServer};
 use sk_core::prelude::*;
-use sk_core::testing::Simulation;
+use sk_core::testing::{Simulation, USER_ID};
 use sk_core::{SkVariant, attach};
 
-fn settings() -> Settings {
-    Settings { user: "robot".parse().unwrap(), token: None, owner_uid: Some(nix::unistd::getuid().as_raw()) }
+fn settings(uid: u32) -> Settings {
+    Settings { user: "robot".parse().unwrap(), token: None, owner_uid: Some(uid) }
 }
 
 /// Publishes a rising number on every tick.
@@ -60,9 +60,9 @@ fn check(app: &mut SkApp, sink: Handle<Sink>) {
         .unwrap();
 }
 
-fn over_sockets(app: &mut SkApp, at: HubAddress, run: impl FnOnce(&mut SkApp)) {
+fn over_sockets(app: &mut SkApp, at: HubAddress, uid: u32, run: impl FnOnce(&mut SkApp)) {
     let cx = app.cx();
-    let server = SkFlowServer::start(cx, settings());
+    let server = SkFlowServer::start(cx, settings(uid));
     let address = server.listen(cx, &at).unwrap();
     let (a, b) = (SkFlowSat::connect(cx, &address), SkFlowSat::connect(cx, &address));
     let sink = publish_and_hear(cx, a, b);
@@ -73,9 +73,12 @@ fn over_sockets(app: &mut SkApp, at: HubAddress, run: impl FnOnce(&mut SkApp)) {
 #[test]
 fn satellites_talk_over_a_unix_socket() {
     let path = std::env::temp_dir().join(format!("sk-flow-objects-{}.sock", std::process::id()));
-    let mut app =
-        SkApp::builder().mode(TimingMode::SelectIo).interval(Duration::from_millis(2)).build().unwrap();
-    over_sockets(&mut app, HubAddress::Unix(path), |app| {
+    let mut app = SkApp::builder()
+        .mode(TimingMode::SelectIo)
+        .interval(Duration::from_millis(2))
+        .build()
+        .unwrap();
+    over_sockets(&mut app, HubAddress::Unix(path), nix::unistd::getuid().as_raw(), |app| {
         app.run();
     });
 }
@@ -85,7 +88,7 @@ fn satellites_talk_in_a_simulated_world_and_repeat_exactly() {
     let run = |seed| {
         let simulation = Simulation::new(seed);
         let mut app = simulation.app_with(|settings| settings.mode = TimingMode::SelectIo);
-        over_sockets(&mut app, HubAddress::Unix("/hub".into()), |app| {
+        over_sockets(&mut app, HubAddress::Unix("/hub".into()), USER_ID, |app| {
             simulation.run_for(app, Duration::from_secs(5));
         });
         simulation.trace_hash()
@@ -98,7 +101,7 @@ fn modules_on_the_hubs_own_loop_talk_through_pipes_without_extra_ticks() {
     let simulation = Simulation::new(3);
     let mut app = simulation.app_with(|settings| settings.mode = TimingMode::SelectIo);
     let cx = app.cx();
-    let server = SkFlowServer::start(cx, settings());
+    let server = SkFlowServer::start(cx, settings(USER_ID));
     let (a, b) = (server.pipe(cx, Rights::ALL).unwrap(), server.pipe(cx, Rights::ALL).unwrap());
     let (a, b) = (SkFlowSat::inside(cx, a), SkFlowSat::inside(cx, b));
     let sink = publish_and_hear(cx, a, b);
@@ -110,10 +113,13 @@ fn modules_on_the_hubs_own_loop_talk_through_pipes_without_extra_ticks() {
 
 #[test]
 fn a_module_on_a_thread_of_its_own_talks_through_a_pipe() {
-    let mut app =
-        SkApp::builder().mode(TimingMode::SelectIo).interval(Duration::from_millis(2)).build().unwrap();
+    let mut app = SkApp::builder()
+        .mode(TimingMode::SelectIo)
+        .interval(Duration::from_millis(2))
+        .build()
+        .unwrap();
     let cx = app.cx();
-    let server = SkFlowServer::start(cx, settings());
+    let server = SkFlowServer::start(cx, settings(USER_ID));
     let (a, b) = (server.pipe(cx, Rights::ALL).unwrap(), server.pipe(cx, Rights::ALL).unwrap());
     let thread = SkThread::new("module").start(cx).unwrap();
     thread
@@ -163,7 +169,7 @@ fn a_satellite_finds_a_hub_that_comes_back_and_restores_its_channels() {
     simulation.run_for(&mut app, Duration::from_secs(1));
     for _ in 0..2 {
         let cx = app.cx();
-        let server = SkFlowServer::start(cx, settings());
+        let server = SkFlowServer::start(cx, settings(USER_ID));
         server.listen(cx, &at).unwrap();
         simulation.run_for(&mut app, Duration::from_secs(12));
         let cx = app.cx();
@@ -183,7 +189,7 @@ fn s81_a_stranger_is_not_let_in() {
     let simulation = Simulation::new(5);
     let mut app = simulation.app_with(|settings| settings.mode = TimingMode::SelectIo);
     let cx = app.cx();
-    let stranger = Settings { owner_uid: Some(nix::unistd::getuid().as_raw() + 1), ..settings() };
+    let stranger = settings(USER_ID + 1);
     let server = SkFlowServer::start(cx, stranger);
     let address = server.listen(cx, &HubAddress::Unix("/hub".into())).unwrap();
     let satellite = SkFlowSat::connect(cx, &address);
