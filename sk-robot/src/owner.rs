@@ -58,7 +58,9 @@ pub fn read(world: &World, places: &Places) -> Result<Option<OwnerToken>, TokenF
         Err(error) => return Err(TokenFileError::Io { path, error }),
     }
     let text = String::from_utf8_lossy(&bytes);
-    OwnerToken::parse(&text).map(Some).map_err(|error| TokenFileError::Malformed { path, error })
+    OwnerToken::parse(&text)
+        .map(Some)
+        .map_err(|error| TokenFileError::Malformed { path, error })
 }
 
 /// Reads the token, or makes one. Blocks on the disk: before the loop runs.
@@ -67,7 +69,10 @@ pub fn read(world: &World, places: &Places) -> Result<Option<OwnerToken>, TokenF
 /// As [`read`], or if the file cannot be made.
 pub fn read_or_make(world: &mut World, places: &Places) -> Result<OwnerToken, TokenFileError> {
     let refused = |path: PathBuf| move |error| TokenFileError::Io { path, error };
-    world.storage.create_dir(places.state()).map_err(refused(places.state().to_owned()))?;
+    world
+        .storage
+        .create_dir(places.state())
+        .map_err(refused(places.state().to_owned()))?;
     if let Some(token) = read(world, places)? {
         return Ok(token);
     }
@@ -75,7 +80,10 @@ pub fn read_or_make(world: &mut World, places: &Places) -> Result<OwnerToken, To
     world.rng.fill(&mut bytes);
     let token = OwnerToken::new(bytes);
     let path = places.token();
-    world.storage.replace(&path, token.to_file_text().as_bytes()).map_err(refused(path))?;
+    world
+        .storage
+        .replace(&path, token.to_file_text().as_bytes())
+        .map_err(refused(path))?;
     Ok(token)
 }
 

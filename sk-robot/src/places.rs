@@ -18,7 +18,9 @@ pub struct Places {
 #[non_exhaustive]
 pub enum PlacesError {
     /// No variable says where.
-    #[error("no folder for the hub's state: set HOME, XDG_STATE_HOME or SKROBOT_STATE_DIR, or give --state-dir")]
+    #[error(
+        "no folder for the hub's state: set HOME, XDG_STATE_HOME or SKROBOT_STATE_DIR, or give --state-dir"
+    )]
     Nowhere,
     /// The kernel has no room for the socket's path.
     #[error(
@@ -33,7 +35,8 @@ pub enum PlacesError {
 }
 
 impl Places {
-    /// The files below `state`, or below `$XDG_STATE_HOME/skrobot`, or `~/.local/state/skrobot`.
+    /// The files below `state`; else below `$SKROBOT_STATE_DIR`, `$XDG_STATE_HOME/skrobot` or
+    /// `~/.local/state/skrobot`, the first that is set.
     ///
     /// # Errors
     /// If no variable says where, or the path is too long for a socket.
@@ -41,10 +44,13 @@ impl Places {
         let absolute = |name: &str| env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
         let state = match state {
             Some(state) => env::current_dir().map_or_else(|_| state.to_owned(), |here| here.join(state)),
-            None => absolute("XDG_STATE_HOME")
-                .or_else(|| absolute("HOME").map(|home| home.join(".local/state")))
-                .ok_or(PlacesError::Nowhere)?
-                .join("skrobot"),
+            None => match absolute("SKROBOT_STATE_DIR") {
+                Some(state) => state,
+                None => absolute("XDG_STATE_HOME")
+                    .or_else(|| absolute("HOME").map(|home| home.join(".local/state")))
+                    .ok_or(PlacesError::Nowhere)?
+                    .join("skrobot"),
+            },
         };
         let places = Places { state };
         let length = places.socket().as_os_str().len();

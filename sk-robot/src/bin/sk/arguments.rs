@@ -8,8 +8,8 @@ use std::path::PathBuf;
 #[derive(Parser, Debug)]
 #[command(version, arg_required_else_help = true)]
 pub struct Arguments {
-    /// The hub's state folder, if it is not the usual one
-    #[arg(long, global = true, env = "SKROBOT_STATE_DIR", value_name = "DIR")]
+    /// The hub's state folder [default: $SKROBOT_STATE_DIR, else skrobot in the user's state folder]
+    #[arg(long, global = true, value_name = "DIR")]
     pub state_dir: Option<PathBuf>,
     /// Where the hub is reached: tcp:HOST:PORT or unix:PATH [default: the hub of the state folder]
     #[arg(long, global = true, env = "SKROBOT_HUB", value_name = "ADDRESS")]

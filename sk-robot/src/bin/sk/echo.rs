@@ -7,6 +7,7 @@ use sk_core::flow::satellite::ChannelInfo;
 use sk_core::flow::{FlowMessage, SkFlowSat};
 use sk_core::prelude::*;
 use std::fmt::Write;
+use strsim::damerau_levenshtein;
 
 /// Bytes of a message that is no variant, shown in hex.
 const BYTES_SHOWN_MAX: usize = 32;
@@ -55,7 +56,8 @@ impl Echoer {
         let channels = self.hub.channels(cx);
         let wanted = safe(&self.wanted);
         let near = nearest(&self.wanted, &channels);
-        let hint = near.map_or_else(|| "`sk ls` lists them".to_owned(), |near| format!("did you mean {near}?"));
+        let hint =
+            near.map_or_else(|| "`sk ls` lists them".to_owned(), |near| format!("did you mean {near}?"));
         let failure = format!("no channel {wanted}: {hint} (--wait waits for it)");
         cx.with(self.session, |session, cx| session.fail(cx, failure))
     }
@@ -111,25 +113,10 @@ fn shown(message: &FlowMessage) -> String {
 fn nearest<'a>(wanted: &str, channels: &'a [ChannelInfo]) -> Option<&'a str> {
     let near = |channel: &'a ChannelInfo| {
         let short = channel.name.split_once('.').map_or(&*channel.name, |(_, name)| name);
-        let distance = distance(wanted, &channel.name).min(distance(wanted, short));
+        let distance = damerau_levenshtein(wanted, &channel.name).min(damerau_levenshtein(wanted, short));
         (distance <= wanted.len() / 2).then_some((distance, &*channel.name))
     };
     channels.iter().filter_map(near).min().map(|(_, name)| name)
-}
-
-/// How many letters are to be put in, taken out or changed to get from one to the other (Levenshtein).
-fn distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, letter) in a.chars().enumerate() {
-        let mut diagonal = std::mem::replace(&mut row[0], i + 1);
-        for j in 0..b.len() {
-            let changed = diagonal + usize::from(letter != b[j]);
-            diagonal = row[j + 1];
-            row[j + 1] = changed.min(row[j] + 1).min(diagonal + 1);
-        }
-    }
-    row[b.len()]
 }
 
 #[cfg(test)]
@@ -140,12 +127,5 @@ mod tests {
     fn a_channel_is_meant_with_and_without_its_account() {
         assert!(means("robot.host.cpu", "robot.host.cpu") && means("host.cpu", "robot.host.cpu"));
         assert!(!means("cpu", "robot.host.cpu"));
-    }
-
-    #[test]
-    fn the_distance_counts_letters() {
-        assert_eq!(distance("host.cpu", "host.cpu"), 0);
-        assert_eq!(distance("host.cup", "host.cpu"), 2);
-        assert_eq!(distance("", "abc"), 3);
     }
 }

@@ -53,7 +53,11 @@ fn as_table(channels: &[ChannelInfo]) -> String {
         .collect();
     let head = ["CHANNEL", "UNIT", "WHAT"].map(str::to_owned);
     let width = |column: usize| {
-        rows.iter().chain([&head]).map(|row| row[column].chars().count()).max().unwrap_or(0)
+        rows.iter()
+            .chain([&head])
+            .map(|row| row[column].chars().count())
+            .max()
+            .unwrap_or(0)
     };
     let (name_width, unit_width) = (width(0), width(1));
     let line = |row: &[String; 3]| {

@@ -18,8 +18,12 @@ pub fn print(cx: &mut Cx, text: &str) -> Result<(), String> {
 
 /// Text of a peer's with everything escaped that could command a terminal.
 pub fn safe(text: &str) -> String {
-    let shown = |c: char| !c.is_control() && !('\u{200e}'..='\u{202e}').contains(&c) && !('\u{2066}'..='\u{2069}').contains(&c);
-    text.chars().map(|c| if shown(c) { c.to_string() } else { c.escape_unicode().to_string() }).collect()
+    let shown = |c: char| {
+        !c.is_control() && !('\u{200e}'..='\u{202e}').contains(&c) && !('\u{2066}'..='\u{2069}').contains(&c)
+    };
+    text.chars()
+        .map(|c| if shown(c) { c.to_string() } else { c.escape_unicode().to_string() })
+        .collect()
 }
 
 #[cfg(test)]

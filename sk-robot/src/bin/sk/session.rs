@@ -93,7 +93,11 @@ impl Visit {
                 }
             },
         };
-        let app = SkApp::builder().name("sk").mode(TimingMode::SelectIo).interval(INTERVAL).world(world);
+        let app = SkApp::builder()
+            .name("sk")
+            .mode(TimingMode::SelectIo)
+            .interval(INTERVAL)
+            .world(world);
         let mut app = app.build().map_err(|error| error.to_string())?;
         let cx = app.cx();
         let hub = SkFlowSat::connect_as(cx, &address, credentials);
@@ -105,7 +109,14 @@ impl Visit {
             attach!(cx, hub.refused => this.on_refused);
             // The timer was made just now.
             let _ = deadline.start_once(cx, ANSWER_WITHIN);
-            Session { address, deadline, refusal: None, answered: false, failure: None, entered: Signal::new() }
+            Session {
+                address,
+                deadline,
+                refusal: None,
+                answered: false,
+                failure: None,
+                entered: Signal::new(),
+            }
         });
         Ok(Visit { app, hub, session })
     }
