@@ -184,17 +184,17 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Linux 6.18, two cores.
+    /// Captured on Linux 6.18 with two cores, shortened.
     const EARLIER: &str = "cpu  116149 0 25349 492189 2381 0 292 707 0 0\n\
                            cpu0 51185 0 11609 254868 488 0 44 360 0 0\n\
                            cpu1 64963 0 13739 237321 1893 0 248 346 0 0\n\
                            intr 1039333 0 0 1 1 14\nctxt 1631705\nbtime 1795323804\n";
-    /// The same machine 100 ticks later.
+    /// The same with 200 ticks added by hand, half of them on each core.
     const LATER: &str = "cpu  116199 0 25359 492319 2391 0 292 707 0 0\n\
                          cpu0 51235 0 11619 254898 498 0 44 360 0 0\n\
                          cpu1 64963 0 13739 237421 1893 0 248 346 0 0\n\
                          intr 1039333 0 0 1 1 14\n";
-    /// Linux 2.4 knew four counters only.
+    /// Written by hand in the format of Linux 2.4, which knew four counters only.
     const OLD: &str = "cpu  1000 20 300 4000\ncpu0 1000 20 300 4000\npage 5 6\n";
 
     #[test]

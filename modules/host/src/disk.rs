@@ -167,7 +167,8 @@ mod tests {
 
     #[test]
     fn counters_are_read_from_new_and_old_kernels() {
-        // Linux 6.18 with twenty numbers, 2.6.32 with eleven, and a device with a slash in its name.
+        // The first line was captured on Linux 6.18. The others are written by hand: the format of 2.6.32, and a
+        // device with a slash in its name.
         let text = " 254       0 vda 193055 41840 27000674 335087 35359 65055 15470264 64488 0 39292 404701 31988 75 9186120 4926 3676 199\n   \
                     8       0 sda 10 1 80 4 20 2 160 8 0 12 12\n 104       0 cciss/c0d0 1 2 3 4 5 6 7 8 9 10 11\n";
         let disks = parse_disk(text);

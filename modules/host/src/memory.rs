@@ -102,11 +102,11 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// The head of the file on Linux 6.18.
+    /// Captured on Linux 6.18, shortened, with a swap space put in.
     const NEW: &str = "MemTotal:       24684084 kB\nMemFree:        22538980 kB\nMemAvailable:   24082632 kB\n\
                        Buffers:            6632 kB\nCached:          1675132 kB\nSwapCached:            0 kB\n\
                        SwapTotal:       1000000 kB\nSwapFree:         999000 kB\nHugePages_Total:       3\n";
-    /// The same on Linux 2.6.32, which does not say what is available.
+    /// Written by hand in the format of Linux 2.6.32, which does not say what is available.
     const OLD: &str = "MemTotal:        1020116 kB\nMemFree:          120116 kB\nBuffers:          100000 kB\n\
                        Cached:           300000 kB\nSwapCached:         1234 kB\nSwapTotal:             0 kB\n\
                        SwapFree:              0 kB\n";

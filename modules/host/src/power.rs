@@ -98,7 +98,9 @@ pub fn parse_supply(text: &str) -> Option<Supply> {
         .map(|(key, value)| (key, value.trim()))
         .filter(|(_, value)| !value.is_empty())
         .collect();
-    if entries.get("SCOPE") == Some(&"Device") || entries.get("PRESENT") == Some(&"0") {
+    // Unplugged mains are not present either, but they are asked whether they are online.
+    let is_empty_bay = entries.get("PRESENT") == Some(&"0") && !entries.contains_key("ONLINE");
+    if entries.get("SCOPE") == Some(&"Device") || is_empty_bay {
         return None;
     }
     let amount = |key: &str| Some(number(entries.get(key)?)?.abs());
@@ -130,7 +132,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// A notebook whose firmware counts energy.
+    /// In the format of a notebook whose firmware counts energy; written by hand like the next.
     const ENERGY: &str = "POWER_SUPPLY_NAME=BAT0\nPOWER_SUPPLY_TYPE=Battery\nPOWER_SUPPLY_STATUS=Discharging\n\
                           POWER_SUPPLY_PRESENT=1\nPOWER_SUPPLY_VOLTAGE_NOW=11700000\n\
                           POWER_SUPPLY_POWER_NOW=8190000\nPOWER_SUPPLY_ENERGY_FULL=48000000\n\
