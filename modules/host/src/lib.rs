@@ -4,7 +4,24 @@
 //! and the reading with its keys and units. [`senses`] is the table of all of them. No reader keeps a clock:
 //! the present is handed in, so that readings repeat exactly in a simulated world.
 //!
-//! The README of this crate lists the channels, their units and a sample of each.
+//! Files of procfs and sysfs live in the kernel's memory, so reading them never waits for a disk and may happen
+//! on a loop. Measured by the example `senses` in a release build on a virtual machine (two shared cores of an
+//! AMD EPYC, Linux 6.18, 80 processes, 4 interfaces), a reading costs: uptime 6 µs, memory and cpu 16 µs, network
+//! 22 µs, disk 32 µs, frequency 64 µs, load 69 µs. The load grows with the number of processes, the frequency
+//! with that of the cores. Temperatures and batteries were not there to be measured; some are asked through a
+//! slow bus and take milliseconds.
+//!
+//! The README of this crate lists the channels, their units and samples.
+//!
+//! ```
+//! use sk_flat::Instant;
+//! use sk_host::{Cpu, Kernel, Sense};
+//!
+//! let (kernel, mut cpu) = (Kernel::default(), Cpu::default());
+//! // Shares are those of the time since the previous reading, so the first gives none.
+//! assert_eq!(cpu.read(&kernel, Instant::ZERO)?, None);
+//! # Ok::<(), sk_host::SenseError>(())
+//! ```
 #![forbid(unsafe_code)]
 
 mod counter;

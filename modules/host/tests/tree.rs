@@ -206,6 +206,23 @@ fn channel_names_are_good_and_different() {
 }
 
 #[test]
+fn the_readme_lists_every_channel_with_its_parts_and_units() {
+    let readme = include_str!("../README.md");
+    for sense in senses() {
+        let about = sense.about();
+        let head = format!("| `{}` | {} s |", about.name, about.period.as_secs());
+        let row = readme
+            .lines()
+            .find(|line| line.starts_with(&head))
+            .unwrap_or_else(|| panic!("no {head}"));
+        for part in about.parts {
+            let listed = format!("`{}` {}", part.key, part.unit);
+            assert!(row.contains(listed.trim()), "{}: {listed}", about.name);
+        }
+    }
+}
+
+#[test]
 fn a_rate_is_forgotten_with_its_reader() {
     let machine = Machine::new("forgets");
     let kernel = machine.write(FILES);
