@@ -71,15 +71,9 @@ impl Sense for Cpu {
     fn read(&mut self, kernel: &Kernel, _now: Instant) -> Result<Option<CpuReading>, SenseError> {
         let text = kernel.read(FILE, &mut self.buffer)?;
         let present = parse_cpu(&text).ok_or_else(|| kernel.malformed(FILE, "line `cpu`"))?;
-        let Some(previous) = &self.previous else {
-            self.previous = Some(present);
-            return Ok(None);
-        };
-        let reading = present.since(previous);
-        // Two readings within one tick say nothing; then the earlier one stays, so that time can add up.
-        if reading.is_some() {
-            self.previous = Some(present);
-        }
+        // Within one tick nothing is spent, so two readings at once give none and lose nothing.
+        let reading = self.previous.as_ref().and_then(|previous| present.since(previous));
+        self.previous = Some(present);
         Ok(reading)
     }
 
