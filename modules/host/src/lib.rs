@@ -24,18 +24,22 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod channel;
 mod counter;
 mod cpu;
 mod devices;
 mod disk;
 mod error;
 mod frequency;
+mod host;
 mod kernel;
 mod load;
 mod memory;
 mod network;
 mod power;
+mod pulse;
 mod sense;
+mod sense_source;
 mod temperature;
 mod uptime;
 
@@ -44,6 +48,8 @@ pub use devices::DEVICES_MAX;
 pub use disk::{Disk, DiskCounters, DiskRates, DiskReading, is_whole_disk, parse_disk};
 pub use error::SenseError;
 pub use frequency::{Frequency, FrequencyReading, parse_cpuinfo};
+pub use channel::HostChannel;
+pub use host::{Host, HostParameters};
 pub use kernel::{FILE_BYTES_MAX, FOLDER_ENTRIES_MAX, Kernel};
 pub use load::{Load, LoadReading, parse_load};
 pub use memory::{Memory, MemoryReading, parse_memory};
