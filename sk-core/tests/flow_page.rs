@@ -156,9 +156,10 @@ fn the_golden_vectors_are_what_this_build_writes() {
 
 #[test]
 fn the_fuzz_dictionary_has_the_header_of_every_kind() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz/flow_frame.dict");
-    let mut made =
-        String::from("# Headers of the flow protocol, for libFuzzer: -dict=fuzz/flow_frame.dict\n");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz/dictionaries/flow_frame.dict");
+    let mut made = String::from(
+        "# Headers of the flow protocol, for libFuzzer: -dict=fuzz/dictionaries/flow_frame.dict\n",
+    );
     let mut seen = BTreeSet::new();
     for (name, bytes) in vectors() {
         if (name.starts_with("command.") || name.starts_with("event.")) && seen.insert(bytes[0]) {
