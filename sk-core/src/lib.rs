@@ -46,6 +46,7 @@ pub mod thread;
 pub mod world;
 
 pub use eventloop::{Cx, SkApp, SkEventLoop, Timer, TimingMode};
+pub use flow::{SkFlowSat, SkFlowServer};
 pub use object::{Access, Address, Handle, MetaError, ObjectId, SkObject};
 pub use signal::{Mode, Signal};
 pub use sk_flat::{Instant, SkElapsedTime, SkVariant};

@@ -35,6 +35,8 @@ pub(crate) struct Sources {
     ready: VecDeque<usize>,
     fresh: Vec<Readiness>,
     dirty: VecDeque<(ObjectId, Flush)>,
+    /// Listeners that wait for descriptors; looked at once a round.
+    later: Vec<(Instant, Token)>,
     os_signals_ready: bool,
     looked: bool,
 }
@@ -102,6 +104,28 @@ impl Cx {
         }
     }
 
+    /// As if the net had reported the source readable: it is served in this round's step 4 or the next.
+    pub(crate) fn mark_source_ready(&mut self, token: Token) {
+        self.sources.accept(Readiness { token, readable: true, writable: false });
+    }
+
+    /// The same, after a while.
+    pub(crate) fn mark_source_ready_after(&mut self, token: Token, after: Duration) {
+        let due = self.now() + after;
+        self.sources.later.push((due, token));
+    }
+
+    fn mark_what_waited(&mut self, now: Instant) {
+        if self.sources.later.is_empty() {
+            return;
+        }
+        let (due, later): (Vec<_>, Vec<_>) = self.sources.later.drain(..).partition(|(due, _)| *due <= now);
+        self.sources.later = later;
+        for (_, token) in due {
+            self.mark_source_ready(token);
+        }
+    }
+
     /// The object has something to write in step 7. Call it once per round and object.
     pub(crate) fn write_later(&mut self, owner: ObjectId, flush: Flush) {
         self.sources.dirty.push_back((owner, flush));
@@ -129,6 +153,7 @@ impl Cx {
             self.look_at_sources(Some(Duration::ZERO));
             self.sources.looked = false;
         }
+        self.mark_what_waited(began);
         let os_signals_ready = std::mem::take(&mut self.sources.os_signals_ready);
         self.hear_os_signals(os_signals_ready);
         let mut served = false;

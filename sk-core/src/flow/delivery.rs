@@ -98,6 +98,18 @@ impl DropReason {
     }
 }
 
+impl std::fmt::Display for DropReason {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            DropReason::Full => "full",
+            DropReason::NewestWins => "newest-wins",
+            DropReason::Gone => "gone",
+            DropReason::Aborted => "aborted",
+            DropReason::Shutdown => "shutdown",
+        })
+    }
+}
+
 /// The counts of a subscription. They balance: offered = delivered + dropped + queued.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {

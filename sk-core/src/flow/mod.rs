@@ -20,18 +20,25 @@ pub mod fragment;
 pub mod frame;
 pub mod limits;
 pub mod login;
+mod message;
 mod properties;
 pub mod satellite;
-
 pub mod server;
+mod sk_flow_sat;
+mod sk_flow_server;
 pub mod state;
 pub mod table;
+pub mod transport;
 pub mod wire;
 
 pub use codec::ChannelRef;
 pub use definition::{Definition, Direction, Encoded, Field, Message, Right, Rights, States, Tagged};
 pub use error::{ClosingReason, ProtocolError, RefusalCode};
 pub use frame::{Flags, Header};
+pub use message::{Flow, FlowMessage};
 pub use properties::Properties;
+pub use sk_flow_sat::SkFlowSat;
+pub use sk_flow_server::SkFlowServer;
 pub use state::{Inbound, State};
 pub use table::{Command, Event};
+pub use transport::{AddressError, HubAddress, PipeSeed};

@@ -3,11 +3,11 @@
 use super::server::{ConnectionId, Notice, Origin, ServerCore, Settings, TooManyConnections};
 use super::transport::{Broken, Core, Link, PipeEnd, PipeSeed, TURN_BYTES_MAX, Turn};
 use super::{Encoded, HubAddress, Rights};
-use crate::Cx;
 use crate::eventloop::Timer;
 use crate::object::{Access, Handle, ObjectId};
 use crate::signal::Signal;
 use crate::world::{Endpoint, Listener, Readiness, Stream, Token};
+use crate::{Cx, attach};
 use rustc_hash::FxHashMap;
 use sk_flat::{Instant, Name};
 use std::io::{self, ErrorKind, IoSlice};
@@ -311,7 +311,8 @@ impl SkFlowServer {
 
 /// A listener or a connection is ready.
 fn serve(cx: &mut Cx, server: ObjectId, readiness: Readiness) -> bool {
-    cx.with(Handle::<SkFlowServer>::new(server), |server, cx| server.serve(cx, readiness)).unwrap_or(false)
+    cx.with(Handle::<SkFlowServer>::new(server), |server, cx| server.serve(cx, readiness))
+        .unwrap_or(false)
 }
 
 /// Commands wait for their turn.
@@ -345,7 +346,8 @@ impl Handle<SkFlowServer> {
             }
         };
         let local = HubAddress::from(&listener.local());
-        cx.with(self, |server, _| server.listeners.insert(token, listener)).map_err(io::Error::other)?;
+        cx.with(self, |server, _| server.listeners.insert(token, listener))
+            .map_err(io::Error::other)?;
         Ok(local)
     }
 
@@ -376,7 +378,11 @@ impl Handle<SkFlowServer> {
     /// If the server is gone, or one of its slots is running.
     pub fn channels(self, cx: &mut Cx) -> Result<Vec<(Name, usize)>, Access> {
         cx.with(self, |server, _| {
-            server.core.channels().map(|(channel, listeners)| (channel.name.clone(), listeners)).collect()
+            server
+                .core
+                .channels()
+                .map(|(channel, listeners)| (channel.name.clone(), listeners))
+                .collect()
         })
     }
 }

@@ -196,6 +196,16 @@ impl ServerCore {
         dirty
     }
 
+    /// Whether [`take_dirty`](ServerCore::take_dirty) would name any.
+    pub fn has_dirty(&self) -> bool {
+        !self.dirty.is_empty()
+    }
+
+    /// Whether commands wait for [`work`](ServerCore::work).
+    pub fn has_work(&self) -> bool {
+        !self.work.is_empty()
+    }
+
     /// Whether a connection has something to write.
     pub fn has_output(&self, id: ConnectionId) -> bool {
         self.connections

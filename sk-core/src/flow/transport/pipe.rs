@@ -24,7 +24,11 @@ struct Bell {
 
 impl Bell {
     fn new() -> Arc<Bell> {
-        Arc::new(Bell { place: OnceLock::new(), rung: AtomicBool::new(false), wanted: AtomicBool::new(false) })
+        Arc::new(Bell {
+            place: OnceLock::new(),
+            rung: AtomicBool::new(false),
+            wanted: AtomicBool::new(false),
+        })
     }
 
     /// Rung once until it is heard, however many frames go by.
@@ -67,8 +71,12 @@ impl PipeEnd {
         let (to_satellite, from_hub) = crossbeam_channel::bounded(FRAMES_WAITING_MAX);
         let (to_hub, from_satellite) = crossbeam_channel::bounded(FRAMES_WAITING_MAX);
         let (hub, satellite) = (Bell::new(), Bell::new());
-        let near =
-            PipeEnd { sender: to_satellite, receiver: from_satellite, mine: hub.clone(), other: satellite.clone() };
+        let near = PipeEnd {
+            sender: to_satellite,
+            receiver: from_satellite,
+            mine: hub.clone(),
+            other: satellite.clone(),
+        };
         let far = PipeEnd { sender: to_hub, receiver: from_hub, mine: satellite, other: hub };
         (near, PipeSeed(far))
     }
