@@ -245,7 +245,7 @@ fn known_names(known: &[ParameterInfo]) -> String {
 }
 
 /// A peer's value in an error must not become a peer's page in a log.
-fn shortened(text: &str) -> String {
+pub(super) fn shortened(text: &str) -> String {
     let mut chars = text.chars();
     let mut short: String = chars.by_ref().take(FOUND_CHARS_MAX).flat_map(char::escape_debug).collect();
     if chars.next().is_some() {
