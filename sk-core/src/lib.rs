@@ -37,6 +37,7 @@
 
 pub mod eventloop;
 pub mod flow;
+pub mod module;
 pub mod object;
 pub mod signal;
 mod sys;
@@ -68,10 +69,12 @@ pub mod prelude {
 /// What the macros expand to; not for use by hand.
 #[doc(hidden)]
 pub mod macro_support {
+    pub use crate::module::{checked, plain_name};
     pub use crate::object::{Extends, Itself, Node, Project, Through, assert_distinct, member_uid};
     pub use crate::signal::{
         AnySignal, Bound, Convertible, Crossable, Described, FixedConversion, IntoOutcome, Outcome,
         SignalMeta, SignalRef, SlotFor, SlotMeta, SlotRef, SlotTag, Staying, attach, attach_ignoring,
         bind_exact, bind_ref, bind_slice, bind_str, detach,
     };
+    pub use sk_flat::IntoVariant;
 }
