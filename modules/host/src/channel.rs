@@ -59,7 +59,7 @@ impl HostChannel {
     }
 
     fn is_mine(&self, channel: &str) -> bool {
-        channel == self.flow.channel_name(self.source.name())
+        channel == &*self.flow.channel_name(self.source.name())
     }
 
     /// The first reading comes at once; a rate follows after one period.
@@ -103,7 +103,12 @@ impl HostChannel {
 /// The units for a narrow column: each once, in the order of their keys.
 fn unit_line(units: &SkVariant) -> String {
     let mut seen: Vec<&str> = Vec::new();
-    for unit in units.as_map().into_iter().flat_map(|map| map.values()).filter_map(SkVariant::as_str) {
+    for unit in units
+        .as_map()
+        .into_iter()
+        .flat_map(|map| map.values())
+        .filter_map(SkVariant::as_str)
+    {
         if !seen.contains(&unit) {
             seen.push(unit);
         }
