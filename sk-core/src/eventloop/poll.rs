@@ -102,6 +102,20 @@ impl Cx {
         }
     }
 
+    /// The source is to be served though nothing new was reported: it was left with something to read, or
+    /// its owner has news of its own. It comes in this step 4, or in the next round's.
+    pub(crate) fn offer_source(&mut self, token: Token) {
+        self.sources.accept(Readiness { token, readable: true, writable: false });
+    }
+
+    /// A source made before its owner goes to it.
+    pub(crate) fn give_source(&mut self, token: Token, owner: ObjectId) {
+        let (key, generation) = (token.0 as u32 as usize, (token.0 >> 32) as u32);
+        if let Some(source) = self.sources.entries.get_mut(key).filter(|s| s.generation == generation) {
+            source.owner = owner;
+        }
+    }
+
     /// The object has something to write in step 7. Call it once per round and object.
     pub(crate) fn write_later(&mut self, owner: ObjectId, flush: Flush) {
         self.sources.dirty.push_back((owner, flush));
