@@ -354,6 +354,10 @@ impl Handle<Socket> {
     /// Tells the end, once. Unless only the peer has ended, the descriptor is closed first.
     fn conclude(self, cx: &mut Cx, reason: CloseReason) {
         let stays = reason == CloseReason::Ended;
+        // The end of a socket that lives on waits for somebody to hear it.
+        if stays && cx.with(self, |socket, _| socket.closed.listeners()) == Ok(0) {
+            return;
+        }
         let before = self.inside(cx, |connection| {
             if !stays {
                 connection.release();

@@ -253,7 +253,10 @@ impl Cx {
             }
         });
         match attached {
-            Attached::New => self.counters.links_made += 1,
+            Attached::New => {
+                self.counters.links_made += 1;
+                self.sources.listened_to(wish.source);
+            }
             Attached::Duplicate => self.count_duplicate(&wish),
             Attached::Mismatch => {
                 self.counters.links_refused += 1;
