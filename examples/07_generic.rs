@@ -23,14 +23,14 @@ object! { for[T] where[T: Clone + 'static] Filter<T> { signals { out(Vec<T>) } s
 
 // 'extends': a base, a derived, a derived of the derived
 #[derive(Default)]
-pub struct Device {
+struct Device {
     name: String,
     failed: Signal<str>,
     resets: u32,
 }
 impl Device {
     /// a base that links itself: `this` is a Handle<Device>, though the object is a Wheel
-    pub fn watch(&mut self, cx: &mut Cx) {
+    fn watch(&mut self, cx: &mut Cx) {
         let this = cx.this(self);
         attach!(cx, cx.slow_zone().pulse => this.reset)
     }
@@ -45,7 +45,7 @@ impl Device {
 object! { Device { signals { failed(&str) } slots { reset() fail(&str) } } }
 
 #[derive(Default)]
-pub struct Motor {
+struct Motor {
     device: Device,
     speed: f32,
     stalled: Signal<f32>,

@@ -2,6 +2,7 @@
 
 use crate::Cx;
 use crate::eventloop::cx::RemoteCall;
+use crate::eventloop::dispatch::give_room_back;
 use crate::object::ObjectId;
 use crate::signal::{OnceCall, Rewire};
 use crate::thread::{Mailbox, Message, RemoteReceive, There};
@@ -46,7 +47,8 @@ impl Cx {
 
     /// Step 6, its second part: the calls that were taken in step 3.
     pub(crate) fn run_remote_calls(&mut self) {
-        for _ in 0..self.remote_calls.len() {
+        let count = self.remote_calls.len();
+        for _ in 0..count {
             let Some(call) = self.remote_calls.pop_front() else { return };
             match call {
                 RemoteCall::Crossing(number) => match self.crossings.get(&number).cloned() {
@@ -61,6 +63,7 @@ impl Cx {
                 RemoteCall::Run(work) => self.top_level(work),
             }
         }
+        give_room_back(&mut self.remote_calls, count);
     }
 
     pub(crate) fn open_crossing(&mut self, number: u64, target: ObjectId, crossing: Rc<dyn RemoteReceive>) {

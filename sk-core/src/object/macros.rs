@@ -63,28 +63,42 @@ macro_rules! object {
 #[doc(hidden)]
 #[macro_export]
 macro_rules! __object {
-    (@head $g:tt $w:tt $vis:vis $name:ident $(<$($ga:ident),*>)? $(: $field:ident = $base:ty)? {
+    // The accessors' `Deref` shows the base's type, so they are as visible as the class is said to be; without
+    // a base they can always be public, and a `pub` that is forgotten in the table does no harm.
+    (@head $g:tt $w:tt $vis:vis $name:ident $(<$($ga:ident),*>)? : $field:ident = $base:ty {
             $(signals { $($(#[$sm:meta])* $signal:ident ( $($sarg:tt)* ))* })?
             $(slots { $($(#[$lm:meta])* $slot:ident ( $($larg:tt)* ))* })?
             $(hooks { $($hook:ident)* })?
         }
     ) => {
         $crate::__object! {
-            @class [$vis $name] [$name $(<$($ga),*>)?] $g $w [$($field = $base)?]
+            @class [$vis] [$name] [$name $(<$($ga),*>)?] $g $w [$field = $base]
             [$($($signal ( $($sarg)* ))*)?] [$($($slot ( $($larg)* ))*)?] [$($($hook)*)?]
         }
     };
 
-    (@class [$vis:vis $name:ident] [$self:ty] $g:tt $w:tt $base:tt
+    (@head $g:tt $w:tt $vis:vis $name:ident $(<$($ga:ident),*>)? {
+            $(signals { $($(#[$sm:meta])* $signal:ident ( $($sarg:tt)* ))* })?
+            $(slots { $($(#[$lm:meta])* $slot:ident ( $($larg:tt)* ))* })?
+            $(hooks { $($hook:ident)* })?
+        }
+    ) => {
+        $crate::__object! {
+            @class [pub] [$name] [$name $(<$($ga),*>)?] $g $w []
+            [$($($signal ( $($sarg)* ))*)?] [$($($slot ( $($larg)* ))*)?] [$($($hook)*)?]
+        }
+    };
+
+    (@class [$vis:vis] [$name:ident] [$self:ty] $g:tt $w:tt $base:tt
         $signals:tt [$($slot:ident ( $($larg:tt)* ))*] $hooks:tt
     ) => {
         const _: () = {
             $($crate::__slot! { [$name] [$self] $g $w $slot ( $($larg)* ) })*
-            $crate::__object! { @items [$name] [$self] $g $w $base $signals [$($slot)*] $hooks }
+            $crate::__object! { @items [$vis] [$name] [$self] $g $w $base $signals [$($slot)*] $hooks }
         };
     };
 
-    (@items [$name:ident] [$self:ty] [$($g:ident),*] [$($w:tt)*] [$($base:tt)*]
+    (@items [$vis:vis] [$name:ident] [$self:ty] [$($g:ident),*] [$($w:tt)*] [$($base:tt)*]
         [$($signal:ident ( $($sarg:tt)* ))*] [$($slot:ident)*] [$($hook:ident)*]
     ) => {
             const fn __uid(member: &str) -> u64 {
@@ -94,13 +108,13 @@ macro_rules! __object {
             const _: () = $crate::macro_support::assert_distinct(&[$(__uid(stringify!($slot))),*]);
 
             #[allow(dead_code)]
-            pub struct __Signals<P: $crate::object::Place, $($g),*> where $($w)* {
+            $vis struct __Signals<P: $crate::object::Place, $($g),*> where $($w)* {
                 place: P,
                 base: $crate::__object!(@base_signals P [$($base)*]),
                 own: ::core::marker::PhantomData<fn() -> ($($g,)*)>,
             }
             #[allow(dead_code)]
-            pub struct __Slots<P: $crate::object::Place, $($g),*> where $($w)* {
+            $vis struct __Slots<P: $crate::object::Place, $($g),*> where $($w)* {
                 place: P,
                 base: $crate::__object!(@base_slots P [$($base)*]),
                 own: ::core::marker::PhantomData<fn() -> ($($g,)*)>,
