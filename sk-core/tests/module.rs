@@ -538,3 +538,60 @@ fn runs_with_failing_modules_repeat_exactly() {
     };
     assert_eq!(run(), run());
 }
+
+/// Runs anywhere; ends its program when the hub is lost.
+struct Remote {
+    flow: Flow,
+}
+impl AbstractModule for Remote {
+    const NAME: &'static str = "a";
+    type Parameters = ();
+    type Error = String;
+    fn new(cx: &mut Cx, this: Handle<Self>, flow: Flow, _: &()) -> Result<Self, String> {
+        attach!(cx, cx.fast_zone().pulse => this.tick);
+        attach!(cx, flow.satellite().lost => this.leave());
+        Ok(Remote { flow })
+    }
+    fn reconfigure(&mut self, _: &mut Cx, _: &()) -> Result<(), String> {
+        Ok(())
+    }
+}
+impl Remote {
+    fn tick(&mut self, cx: &mut Cx) {
+        self.flow.publish(cx, "level", 5i64);
+    }
+    fn leave(&mut self, cx: &mut Cx) {
+        cx.quit();
+    }
+}
+object! { Remote { slots { tick() leave() } } }
+
+/// Ends the loop with the first value.
+struct First;
+impl First {
+    fn hear(&mut self, cx: &mut Cx, message: &FlowMessage) {
+        assert_eq!(message.name(), "robot.a.level");
+        cx.quit();
+    }
+}
+object! { First { slots { hear(&FlowMessage) } } }
+
+#[test]
+fn the_same_module_runs_as_a_satellite_of_its_own() {
+    let path = std::env::temp_dir().join(format!("sk-module-{}.sock", std::process::id()));
+    let mut app = SkApp::builder().mode(TimingMode::SelectIo).build().unwrap();
+    let cx = app.cx();
+    let owner_uid = Some(nix::unistd::getuid().as_raw());
+    let server = SkFlowServer::start(cx, Settings { user: "robot".parse().unwrap(), token: None, owner_uid });
+    let address = server.listen(cx, &path.as_path().into()).unwrap();
+    let satellite = std::thread::spawn(move || SkFlowSat::run::<Remote>(&address.to_string()));
+    let seed = server.pipe(cx, Rights::ALL).unwrap();
+    let inside = SkFlowSat::inside(cx, seed);
+    let first = cx.spawn(First);
+    inside.subscribe(cx, "robot.a.level").unwrap();
+    attach!(cx, inside.message => first.hear);
+    app.run();
+    drop(app);
+    assert!(satellite.join().unwrap().is_ok());
+    assert!(SkFlowSat::run::<Remote>("nowhere").is_err());
+}

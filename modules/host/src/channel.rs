@@ -103,7 +103,12 @@ impl HostChannel {
 /// The units for a narrow column: each once, in the order of their keys.
 fn unit_line(units: &SkVariant) -> String {
     let mut seen: Vec<&str> = Vec::new();
-    for unit in units.as_map().into_iter().flat_map(|map| map.values()).filter_map(SkVariant::as_str) {
+    for unit in units
+        .as_map()
+        .into_iter()
+        .flat_map(|map| map.values())
+        .filter_map(SkVariant::as_str)
+    {
         if !seen.contains(&unit) {
             seen.push(unit);
         }

@@ -36,12 +36,7 @@ impl AbstractModule for Host {
     type Parameters = HostParameters;
     type Error = String;
 
-    fn new(
-        cx: &mut Cx,
-        this: Handle<Self>,
-        flow: Flow,
-        parameters: &HostParameters,
-    ) -> Result<Self, String> {
+    fn new(cx: &mut Cx, this: Handle<Self>, flow: Flow, parameters: &HostParameters) -> Result<Self, String> {
         check_names(&parameters.senses)?;
         let kernel = Kernel::default();
         let wanted = |name: &str| parameters.senses.is_empty() || parameters.senses.iter().any(|n| n == name);

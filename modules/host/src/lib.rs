@@ -43,12 +43,12 @@ mod sense_source;
 mod temperature;
 mod uptime;
 
+pub use channel::HostChannel;
 pub use cpu::{CORES_MAX, Cpu, CpuReading, CpuTicks, parse_cpu};
 pub use devices::DEVICES_MAX;
 pub use disk::{Disk, DiskCounters, DiskRates, DiskReading, is_whole_disk, parse_disk};
 pub use error::SenseError;
 pub use frequency::{Frequency, FrequencyReading, parse_cpuinfo};
-pub use channel::HostChannel;
 pub use host::{Host, HostParameters};
 pub use kernel::{FILE_BYTES_MAX, FOLDER_ENTRIES_MAX, Kernel};
 pub use load::{Load, LoadReading, parse_load};

@@ -33,7 +33,8 @@ use crate::object::{Access, Handle, NameError};
 /// let cx = app.cx();
 /// let settings = Settings { user: "robot".parse()?, token: None, owner_uid: None };
 /// let server = SkFlowServer::start(cx, settings);
-/// let inside = SkFlowSat::inside(cx, server.pipe(cx, Rights::ALL)?);
+/// let pipe = server.pipe(cx, Rights::ALL)?;
+/// let inside = SkFlowSat::inside(cx, pipe);
 ///
 /// let modules = Modules::spawn(cx);
 /// let beacon = modules.add(cx, Runner::<Beacon>::new(inside.flow("beacon"), ()), RestartPolicy::default())?;
