@@ -12,6 +12,7 @@ mod parameters;
 mod parameters_macro;
 mod restart;
 mod runner;
+mod satellite;
 mod supervisor;
 
 pub use crate::flow::Flow;
@@ -23,6 +24,7 @@ pub use parameters::{ParameterError, ParameterInfo, Parameters};
 pub use parameters::{checked, plain_name};
 pub use restart::RestartPolicy;
 pub use runner::{AnyRunner, Runner};
+pub use satellite::SatelliteRunError;
 pub use supervisor::{ModuleState, ModuleSupervisor};
 
 use crate::object::{Handle, SkObject};

@@ -1,7 +1,7 @@
 //! All modules of a loop, in order.
 
 use crate::Cx;
-use crate::module::{AnyRunner, ModuleSupervisor, RestartPolicy};
+use crate::module::{AnyRunner, ModuleState, ModuleSupervisor, RestartPolicy};
 use crate::object::{Access, Handle, NameError};
 
 /// The modules of one loop: the parent of their supervisors, so that they are found as `modules/<name>`.
@@ -33,7 +33,8 @@ use crate::object::{Access, Handle, NameError};
 /// let cx = app.cx();
 /// let settings = Settings { user: "robot".parse()?, token: None, owner_uid: None };
 /// let server = SkFlowServer::start(cx, settings);
-/// let inside = SkFlowSat::inside(cx, server.pipe(cx, Rights::ALL)?);
+/// let pipe = server.pipe(cx, Rights::ALL)?;
+/// let inside = SkFlowSat::inside(cx, pipe);
 ///
 /// let modules = Modules::spawn(cx);
 /// let beacon = modules.add(cx, Runner::<Beacon>::new(inside.flow("beacon"), ()), RestartPolicy::default())?;
@@ -99,13 +100,17 @@ impl Handle<Modules> {
         Ok(order.into_iter().filter(|supervisor| cx.is_alive(*supervisor)).collect())
     }
 
-    /// Starts all modules, in the order of their adding. Answers those that did not start, with the reason;
-    /// the others run.
+    /// Starts all modules, in the order of their adding. Answers those that do not run, with the reason: the
+    /// ones that fail now, and the ones that failed before, which are started when they are tried again.
     pub fn start(self, cx: &mut Cx) -> Vec<(Handle<ModuleSupervisor>, String)> {
         let mut failed = Vec::new();
         for supervisor in self.all(cx).unwrap_or_default() {
-            if let Err(error) = supervisor.start(cx) {
-                failed.push((supervisor, error.to_string()));
+            let given_up = matches!(supervisor.state(cx), Ok(ModuleState::Failed { retry_at: None, .. }));
+            let started = if given_up { Ok(()) } else { supervisor.start(cx) };
+            match (started, supervisor.state(cx)) {
+                (_, Ok(ModuleState::Failed { reason, .. })) => failed.push((supervisor, reason)),
+                (Err(error), _) => failed.push((supervisor, error.to_string())),
+                _ => {}
             }
         }
         failed

@@ -247,7 +247,13 @@ fn known_names(known: &[ParameterInfo]) -> String {
 /// A peer's value in an error must not become a peer's page in a log.
 pub(super) fn shortened(text: &str) -> String {
     let mut chars = text.chars();
-    let mut short: String = chars.by_ref().take(FOUND_CHARS_MAX).flat_map(char::escape_debug).collect();
+    let mut short = String::new();
+    for char in chars.by_ref().take(FOUND_CHARS_MAX) {
+        match char {
+            '"' | '\'' | '\\' => short.push(char),
+            _ => short.extend(char.escape_debug()),
+        }
+    }
     if chars.next().is_some() {
         short.push('…');
     }

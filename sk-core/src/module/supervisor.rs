@@ -241,8 +241,7 @@ impl Handle<ModuleSupervisor> {
 
     /// Makes the module for the first time.
     pub(super) fn make(self, cx: &mut Cx) {
-        // What went wrong is the state, and was reported.
-        let _ = self.bring_up(cx);
+        self.bring_up_if_wanted(cx);
     }
 
     /// Lends the runner. It is out of its object meanwhile, so that the module's code finds the supervisor
@@ -264,8 +263,8 @@ impl Handle<ModuleSupervisor> {
     fn bring_up(self, cx: &mut Cx) -> Result<(), ModuleError> {
         if self.module(cx).is_none() {
             if self.has_corpse(cx) {
-                let retry = cx.with(self, |supervisor, _| supervisor.retry)?;
-                return Ok(retry.start_once(cx, Duration::ZERO)?);
+                cx.post_own(self, move |cx| self.bring_up_if_wanted(cx));
+                return Ok(());
             }
             let made = self.with_runner(cx, |runner, cx| runner.make(cx, self.id()))?;
             let module = self.or_fail(cx, made)?;
@@ -302,20 +301,24 @@ impl Handle<ModuleSupervisor> {
     fn fail(self, cx: &mut Cx, reason: String) {
         let now = cx.now();
         let path = cx.path_of(self);
-        let noted = cx.with(self, |supervisor, cx| {
-            let wait = supervisor.fail(now, reason.clone());
-            match wait {
-                // The timer is a child and lives as long as this.
-                Some(wait) => drop(supervisor.retry.start_once(cx, wait)),
-                None => drop(supervisor.retry.stop(cx)),
-            }
-            wait
-        });
+        let noted = cx.with(self, |supervisor, _| supervisor.fail(now, reason.clone()));
+        // In the next round, because a timer that is due before its link is made is not heard.
+        cx.post_own(self, move |cx| self.arm(cx));
         match noted {
             Ok(Some(wait)) => tracing::warn!("{path} failed and is begun again in {wait:?}: {reason}"),
             _ => tracing::error!("{path} failed and is left out: {reason}"),
         }
         self.tell(cx);
+    }
+
+    /// Sets the timer to the next try, if there shall be one.
+    fn arm(self, cx: &mut Cx) {
+        let now = cx.now();
+        // The timer is a child and lives as long as this.
+        let _ = cx.with(self, |supervisor, cx| match supervisor.state {
+            ModuleState::Failed { retry_at: Some(at), .. } => supervisor.retry.start_once(cx, at.since(now)),
+            _ => supervisor.retry.stop(cx),
+        });
     }
 
     fn died(self, cx: &mut Cx, module: ObjectId, reason: Reason) {
@@ -332,13 +335,18 @@ impl Handle<ModuleSupervisor> {
     }
 
     fn again(self, cx: &mut Cx) {
-        let may = cx.with(self, |supervisor, _| {
-            let may = supervisor.wanted != Wanted::Stopped;
-            let failed = matches!(supervisor.state, ModuleState::Failed { .. });
-            supervisor.restarts += u64::from(may && failed);
-            may
+        let counted = cx.with(self, |supervisor, _| {
+            let waits = matches!(supervisor.state, ModuleState::Failed { retry_at: Some(_), .. });
+            supervisor.restarts += u64::from(waits);
+            waits
         });
-        if may == Ok(true) {
+        if counted == Ok(true) {
+            self.bring_up_if_wanted(cx);
+        }
+    }
+
+    fn bring_up_if_wanted(self, cx: &mut Cx) {
+        if cx.with(self, |supervisor, _| supervisor.wanted != Wanted::Stopped) == Ok(true) {
             // What went wrong is the state, and was reported.
             let _ = self.bring_up(cx);
         }
