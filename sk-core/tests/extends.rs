@@ -7,7 +7,7 @@ use sk_core::prelude::*;
 use std::collections::VecDeque;
 
 #[derive(Default)]
-pub struct Device {
+struct Device {
     name: String,
     failed: Signal<str>,
     resets: u32,
@@ -33,10 +33,10 @@ impl Device {
         self.log.note("device goes");
     }
 }
-object! { pub Device { signals { failed(&str) } slots { watch() reset() fail(&str) } hooks { on_spawn on_destroy } } }
+object! { Device { signals { failed(&str) } slots { watch() reset() fail(&str) } hooks { on_spawn on_destroy } } }
 
 #[derive(Default)]
-pub struct Motor {
+struct Motor {
     device: Device,
     stalled: Signal<f32>,
 }
@@ -54,10 +54,10 @@ impl Motor {
         self.device.log.note("motor goes");
     }
 }
-object! { pub Motor : device = Device { signals { stalled(f32) } slots { set_speed(f32) } hooks { on_spawn on_destroy } } }
+object! { Motor : device = Device { signals { stalled(f32) } slots { set_speed(f32) } hooks { on_spawn on_destroy } } }
 
 #[derive(Default)]
-pub struct Wheel {
+struct Wheel {
     motor: Motor,
     turned: Signal<()>,
 }
@@ -72,7 +72,7 @@ impl Wheel {
         self.motor.device.reset(cx);
     }
 }
-object! { pub Wheel : motor = Motor { signals { turned() } slots { turn() reset() } } }
+object! { Wheel : motor = Motor { signals { turned() } slots { turn() reset() } } }
 
 #[derive(Default)]
 struct Seen {
