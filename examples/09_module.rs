@@ -4,7 +4,7 @@ use sk_core::flow::{Rights, server::Settings};
 use sk_core::{SkFlowSat, SkFlowServer, module::*, parameters, prelude::*};
 
 parameters! {
-    pub struct BatteryParameters {
+    struct BatteryParameters {
         /// Time between two readings.
         period_ms: u64 = 20, 5..=1000, "ms";
         /// Below this the alarm rings.
@@ -12,7 +12,7 @@ parameters! {
     }
 }
 
-pub struct Battery {
+struct Battery {
     flow: Flow,
     timer: Handle<Timer>,
     volts: f64,

@@ -167,8 +167,7 @@ fn what_a_map_lacks_has_its_default() {
 
 #[test]
 fn a_set_survives_the_way_through_json() {
-    let mut battery = Battery::default();
-    battery.offset = 7;
+    let mut battery = Battery { offset: 7, ..Default::default() };
     battery.gains.insert("p".into(), 0.1);
     battery.r#type = Some(1.5);
     let json = battery.to_variant().to_json().expect("is not deep");
