@@ -143,7 +143,10 @@ fn an_unknown_name_is_an_error_that_lists_the_known_ones() {
 }
 
 #[test]
-fn a_long_name_does_not_make_a_long_error() {
+fn a_long_name_or_value_does_not_make_a_long_error() {
+    let gains = SkVariant::map([("g".repeat(100_000), "none".into())]);
+    let error = Battery::default().set("gains", &gains).unwrap_err().to_string();
+    assert!(error.len() < 400, "{error}");
     let error = ParameterError::unknown::<Nothing>(&"\n".repeat(100_000)).to_string();
     assert!(error.len() < 400 && !error.contains('\n'), "{error}");
     let error = Battery::default()

@@ -46,6 +46,7 @@ fn a_module_is_found_by_its_path() {
     let a = hub.add("a", "none", POLICY);
     let cx = hub.app.cx();
     assert_eq!(cx.find("modules/a"), Some(a.id()));
+    assert_eq!(cx.class_of(a).map(|class| class.name), Some("ModuleSupervisor"));
     assert_eq!(cx.find("modules/a/module"), a.module(cx));
     assert!(cx.find("modules/a/module/part").is_some());
     assert!(a.module_as::<Probe>(cx).is_some() && a.module_as::<Plain>(cx).is_none());
