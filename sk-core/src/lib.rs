@@ -38,6 +38,7 @@
 pub mod eventloop;
 pub mod flow;
 pub mod module;
+pub mod net;
 pub mod object;
 pub mod signal;
 mod sys;
@@ -47,6 +48,7 @@ pub mod world;
 
 pub use eventloop::{Cx, SkApp, SkEventLoop, Timer, TimingMode};
 pub use flow::{SkFlowSat, SkFlowServer};
+pub use net::{CloseReason, Datagrams, Listener, Socket, WriteError};
 pub use object::{Access, Address, Handle, MetaError, ObjectId, SkObject};
 pub use signal::{Mode, Signal};
 pub use sk_flat::{Instant, SkElapsedTime, SkVariant};
@@ -57,9 +59,11 @@ pub mod prelude {
     pub use crate::eventloop::{
         AppError, Cx, LoopSettings, Pulse, Run, SkApp, SkEventLoop, Timer, TimingMode,
     };
+    pub use crate::net::{CloseReason, Datagrams, Listener, Socket, WriteError};
     pub use crate::object::{Access, Address, Handle, MetaError, ObjectId, SkObject};
     pub use crate::signal::{Direct, Latest, Mode, OneShot, Queued, Signal};
     pub use crate::thread::{Remote, SkThread, ThreadError};
+    pub use crate::world::Endpoint;
     pub use crate::{attach, detach, object};
     pub use sk_flat::{Instant, SkElapsedTime, SkVariant};
     pub use std::rc::Rc;

@@ -59,7 +59,7 @@ impl HostChannel {
     }
 
     fn is_mine(&self, channel: &str) -> bool {
-        channel == self.flow.channel_name(self.source.name())
+        channel == &*self.flow.channel_name(self.source.name())
     }
 
     /// The first reading comes at once; a rate follows after one period.

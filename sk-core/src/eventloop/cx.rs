@@ -351,14 +351,15 @@ impl Cx {
     }
 
     /// Tells of one object's burial: `attach!(cx, cx.watch(worker).buried => boss.on_gone)`. For an object
-    /// that is gone already it tells in the next round.
+    /// that is gone already it tells at the end of the round, with [`Reason::Asked`](super::Reason::Asked).
     pub fn watch(&mut self, id: impl Into<ObjectId>) -> Handle<Watch> {
         let id = id.into();
         let watch = self.spawn(Watch::default());
-        if !self.table.exists(id) {
-            self.news.push_back(News::Buried(id, crate::eventloop::Reason::Asked));
+        if self.table.exists(id) {
+            self.watches.entry(id).or_default().push(watch);
+        } else {
+            self.news.push_back(News::BuriedBefore(id, watch));
         }
-        self.watches.entry(id).or_default().push(watch);
         watch
     }
 

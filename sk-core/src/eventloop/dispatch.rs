@@ -251,7 +251,7 @@ impl Cx {
     pub(crate) fn guarded(&mut self, f: impl FnOnce(&mut Cx)) {
         let depth = self.depth;
         if let Err(payload) = catch_unwind(AssertUnwindSafe(|| f(self))) {
-            self.caught(depth, &payload);
+            self.caught(depth, &*payload);
         }
     }
 

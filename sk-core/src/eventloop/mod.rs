@@ -20,7 +20,7 @@ pub(crate) use app::step;
 pub use app::{AppError, Run, SkApp, SkAppBuilder};
 pub use cx::{Cx, Spawner};
 pub use histogram::{Distribution, Histogram};
-pub(crate) use poll::OS_SIGNALS_TOKEN;
+pub(crate) use poll::{Dispatch, OS_SIGNALS_TOKEN};
 pub use pulse::Pulse;
 pub use settings::{
     AfterFailure, INTERVAL_DEFAULT, LoopSettings, Overrun, RealtimeWishes, SLOW_INTERVAL_DEFAULT,

@@ -4,8 +4,10 @@ use crate::Cx;
 use crate::eventloop::TimingMode;
 use crate::object::ObjectId;
 use crate::world::{Readiness, Token};
+use rustc_hash::FxHashMap;
 use sk_flat::Instant;
 use slab::Slab;
+use smallvec::SmallVec;
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -21,6 +23,9 @@ struct Source {
     owner: ObjectId,
     generation: u32,
     dispatch: Dispatch,
+    /// The rewires that were done when it was made: it is served after the next one, so that links asked
+    /// for together with it hear the first news.
+    born: u64,
     readable: bool,
     writable: bool,
     queued: bool,
@@ -30,6 +35,9 @@ struct Source {
 #[derive(Default)]
 pub(crate) struct Sources {
     entries: Slab<Source>,
+    /// Which sources are whose; asked at every burial and every new link.
+    owned: FxHashMap<ObjectId, SmallVec<[usize; 1]>>,
+    rewires: u64,
     /// Tokens carry it, so that an event of a source that is gone finds nobody.
     generation: u32,
     ready: VecDeque<usize>,
@@ -48,18 +56,45 @@ impl Sources {
 
     /// The owner is buried.
     pub(crate) fn forget(&mut self, owner: ObjectId) {
-        if !self.entries.is_empty() {
-            let gone: Vec<usize> = self
-                .entries
-                .iter()
-                .filter(|(_, source)| source.owner == owner)
-                .map(|(key, _)| key)
-                .collect();
-            for key in gone {
-                self.entries.remove(key);
-                self.ready.retain(|&ready| ready != key);
+        if self.owned.is_empty() {
+            return;
+        }
+        for key in self.owned.remove(&owner).unwrap_or_default() {
+            self.entries.remove(key);
+            self.ready.retain(|&ready| ready != key);
+        }
+    }
+
+    fn own(&mut self, key: usize, owner: ObjectId) {
+        self.owned.entry(owner).or_default().push(key);
+    }
+
+    fn disown(&mut self, key: usize, owner: ObjectId) {
+        if let Some(keys) = self.owned.get_mut(&owner) {
+            keys.retain(|owned| *owned != key);
+            if keys.is_empty() {
+                self.owned.remove(&owner);
             }
         }
+    }
+
+    /// Somebody begins to listen to `owner`: it may have had news already that nobody heard.
+    pub(crate) fn listened_to(&mut self, owner: ObjectId) {
+        let keys = self.owned.get(&owner).cloned().unwrap_or_default();
+        for key in keys {
+            if let Some(source) = self.entries.get_mut(key) {
+                source.readable = true;
+                if !source.queued {
+                    source.queued = true;
+                    self.ready.push_back(key);
+                }
+            }
+        }
+    }
+
+    /// Links that were asked for stand now: sources made before have their listeners.
+    pub(crate) fn rewired(&mut self) {
+        self.rewires += 1;
     }
 
     fn accept(&mut self, event: Readiness) {
@@ -85,32 +120,27 @@ impl Cx {
     pub(crate) fn add_source(&mut self, owner: ObjectId, dispatch: Dispatch) -> Token {
         self.sources.generation = self.sources.generation.wrapping_add(1);
         let generation = self.sources.generation;
-        let source = Source { owner, generation, dispatch, readable: false, writable: false, queued: false };
+        let born = self.sources.rewires;
+        let source =
+            Source { owner, generation, dispatch, born, readable: false, writable: false, queued: false };
         let key = self.sources.entries.insert(source);
+        self.sources.own(key, owner);
         Token(u64::from(generation) << 32 | key as u64)
     }
 
     /// The descriptor is closed though its owner lives on.
     pub(crate) fn remove_source(&mut self, token: Token) {
         let (key, generation) = (token.0 as u32 as usize, (token.0 >> 32) as u32);
-        if self
-            .sources
-            .entries
-            .get(key)
-            .is_some_and(|source| source.generation == generation)
-        {
+        let entry = self.sources.entries.get(key).filter(|source| source.generation == generation);
+        if let Some(owner) = entry.map(|source| source.owner) {
             self.sources.entries.remove(key);
+            self.sources.disown(key, owner);
             self.sources.ready.retain(|&ready| ready != key);
         }
     }
 
-    /// As if the net had reported the source readable: it is served in this round's step 4 or the next.
-    pub(crate) fn mark_source_ready(&mut self, token: Token) {
-        self.sources.accept(Readiness { token, readable: true, writable: false });
-    }
-
     /// The same, after a while.
-    pub(crate) fn mark_source_ready_after(&mut self, token: Token, after: Duration) {
+    pub(crate) fn offer_source_after(&mut self, token: Token, after: Duration) {
         let due = self.now() + after;
         self.sources.later.push((due, token));
     }
@@ -122,7 +152,23 @@ impl Cx {
         let (due, later): (Vec<_>, Vec<_>) = self.sources.later.drain(..).partition(|(due, _)| *due <= now);
         self.sources.later = later;
         for (_, token) in due {
-            self.mark_source_ready(token);
+            self.offer_source(token);
+        }
+    }
+
+    /// The source is to be served though nothing new was reported: it was left with something to read, or
+    /// its owner has news of its own. It comes in this step 4, or in the next round's.
+    pub(crate) fn offer_source(&mut self, token: Token) {
+        self.sources.accept(Readiness { token, readable: true, writable: false });
+    }
+
+    /// A source made before its owner goes to it.
+    pub(crate) fn give_source(&mut self, token: Token, owner: ObjectId) {
+        let (key, generation) = (token.0 as u32 as usize, (token.0 >> 32) as u32);
+        if let Some(source) = self.sources.entries.get_mut(key).filter(|s| s.generation == generation) {
+            let before = std::mem::replace(&mut source.owner, owner);
+            self.sources.disown(key, before);
+            self.sources.own(key, owner);
         }
     }
 
@@ -162,13 +208,30 @@ impl Cx {
             TimingMode::NoTiming => began + crate::eventloop::INTERVAL_DEFAULT,
             _ => began + self.settings.interval / 2,
         };
+        let mut newborn = Vec::new();
         while let Some(key) = self.sources.ready.pop_front() {
+            if self
+                .sources
+                .entries
+                .get(key)
+                .is_some_and(|source| source.born == self.sources.rewires)
+            {
+                newborn.push(key);
+                continue;
+            }
             served = true;
             self.serve(key);
             if self.sources.ready.is_empty() || self.world.clock.now() >= until {
                 break;
             }
         }
+        let sources = &mut self.sources;
+        // One that went meanwhile is not in `ready` any more, and must not come back.
+        sources.ready.extend(
+            newborn
+                .into_iter()
+                .filter(|&key| sources.entries.get(key).is_some_and(|s| s.queued)),
+        );
         served
     }
 

@@ -80,6 +80,7 @@ impl Cx {
             self.rewire();
             self.lap(&mut laps, Step::Rewire);
         }
+        self.sources.rewired();
         if !self.burials.is_empty() {
             self.bury_some();
             self.lap(&mut laps, Step::Bury);

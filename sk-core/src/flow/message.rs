@@ -6,6 +6,8 @@ use crate::Cx;
 use crate::object::Handle;
 use bytes::Bytes;
 use sk_flat::{IntoVariant, SkVariant, VariantError};
+use std::cell::RefCell;
+use std::collections::BTreeMap;
 use std::io;
 use std::rc::Rc;
 
@@ -52,11 +54,13 @@ impl FlowMessage {
 pub struct Flow {
     satellite: Handle<SkFlowSat>,
     module: Rc<str>,
+    /// Names with the module's before them, so that publishing again builds no text.
+    names: Rc<RefCell<BTreeMap<String, Rc<str>>>>,
 }
 
 impl Flow {
     pub(crate) fn new(satellite: Handle<SkFlowSat>, module: &str) -> Flow {
-        Flow { satellite, module: module.into() }
+        Flow { satellite, module: module.into(), names: Rc::default() }
     }
 
     /// The satellite behind, for its signals and for subscribing.
@@ -65,8 +69,14 @@ impl Flow {
     }
 
     /// The name a channel of this module has within the account: `module.name`.
-    pub fn channel_name(&self, name: &str) -> String {
-        format!("{}.{name}", self.module)
+    pub fn channel_name(&self, name: &str) -> Rc<str> {
+        let mut names = self.names.borrow_mut();
+        if let Some(full) = names.get(name) {
+            return full.clone();
+        }
+        let full: Rc<str> = format!("{}.{name}", self.module).into();
+        names.insert(name.to_owned(), full.clone());
+        full
     }
 
     /// Opens a channel with properties; see [`Handle::open`](Handle#method.open).

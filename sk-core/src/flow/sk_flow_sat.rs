@@ -410,6 +410,10 @@ impl SkFlowSat {
 
     fn open(&mut self, cx: &mut Cx, name: &str, properties: SkVariant) -> Result<(), SatelliteError> {
         sk_flat::Name::new(name)?;
+        if self.own.contains_key(name) {
+            // Opened before, by a module that was restarted: the channel and its listeners are kept.
+            return Ok(());
+        }
         if let Some(core) = self.core.as_mut().filter(|core| core.is_ready()) {
             core.create(name, &properties)?;
         }
@@ -503,8 +507,8 @@ fn tell(cx: &mut Cx, satellite: Handle<SkFlowSat>, event: SatelliteEvent) {
 }
 
 impl Handle<SkFlowSat> {
-    /// Opens a streaming channel of this satellite's, now or as soon as there is a hub. The hub calls it
-    /// `account.name`. Properties say what flows: `unit`, `format`, `rate`, `doc` …
+    /// Opens a streaming channel of this satellite's, now or as soon as there is a hub; one that is open stays
+    /// as it is. The hub calls it `account.name`. Properties say what flows: `unit`, `format`, `rate`, `doc` …
     ///
     /// # Errors
     /// If the name or the properties cannot be, or the satellite is gone.

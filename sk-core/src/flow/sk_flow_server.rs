@@ -184,7 +184,7 @@ impl SkFlowServer {
         if !std::mem::replace(&mut self.out_of_descriptors, true) {
             tracing::error!("connections cannot be taken in for now: {error}");
         }
-        cx.mark_source_ready_after(at, ACCEPT_AGAIN_AFTER);
+        cx.offer_source_after(at, ACCEPT_AGAIN_AFTER);
     }
 
     fn take_in(&mut self, cx: &mut Cx, token: Token, stream: Box<dyn Stream>) {
@@ -250,12 +250,12 @@ impl SkFlowServer {
             let Some(served) = links.get(&token) else { return false };
             let wants = core.wants_input(served.connection);
             if wants {
-                cx.mark_source_ready(token);
+                cx.offer_source(token);
             }
             !wants
         });
         if self.core.has_work() {
-            cx.mark_source_ready(self.work_token);
+            cx.offer_source(self.work_token);
         }
         if !self.flush_asked && (self.core.has_dirty() || !self.unfinished.is_empty()) {
             self.flush_asked = true;

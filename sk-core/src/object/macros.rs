@@ -93,7 +93,7 @@ macro_rules! __object {
         $signals:tt [$($slot:ident ( $($larg:tt)* ))*] $hooks:tt
     ) => {
         const _: () = {
-            $($crate::__slot! { [$name] [$self] $g $w $slot ( $($larg)* ) })*
+            $($crate::__slot! { [$name] [$self] $g $w $slot [$($larg)*] ( $($larg)* ) })*
             $crate::__object! { @items [$vis] [$name] [$self] $g $w $base $signals [$($slot)*] $hooks }
         };
     };
@@ -306,16 +306,16 @@ macro_rules! __owned_tuple {
 #[doc(hidden)]
 #[macro_export]
 macro_rules! __slot {
-    ([$name:ident] $self:tt $g:tt $w:tt $slot:ident ()) => {
-        $crate::__slot! { @tag [$name] $self $g $w $slot [] [()] [bind_exact] [] 0usize }
+    ([$name:ident] $self:tt $g:tt $w:tt $slot:ident $shown:tt ()) => {
+        $crate::__slot! { @tag [$name] $self $g $w $slot $shown [()] [bind_exact] [] 0usize }
         $crate::__slot! { @invoke $self $g $w $slot [()] (args) [] }
     };
-    ([$name:ident] $self:tt $g:tt $w:tt $slot:ident (& $l:lifetime $t:ty $(,)?)) => {
-        $crate::__slot! { @value [$name] $self $g $w $slot [& $l $t] [& $l $t] [bind_exact] [] }
+    ([$name:ident] $self:tt $g:tt $w:tt $slot:ident $shown:tt (& $l:lifetime $t:ty $(,)?)) => {
+        $crate::__slot! { @value [$name] $self $g $w $slot $shown [& $l $t] [bind_exact] [] }
     };
-    ([$name:ident] $self:tt [$($g:ident),*] [$($w:tt)*] $slot:ident (& $t:ty $(,)?)) => {
+    ([$name:ident] $self:tt [$($g:ident),*] [$($w:tt)*] $slot:ident $shown:tt (& $t:ty $(,)?)) => {
         $crate::__slot! {
-            @tag [$name] $self [$($g),*] [$($w)*] $slot [& $t] [<$t as ::std::borrow::ToOwned>::Owned]
+            @tag [$name] $self [$($g),*] [$($w)*] $slot $shown [<$t as ::std::borrow::ToOwned>::Owned]
             [bind_ref] [$t,] 1usize
         }
         $crate::__slot! {
@@ -323,17 +323,17 @@ macro_rules! __slot {
             [::core::borrow::Borrow::<$t>::borrow(args)]
         }
     };
-    ([$name:ident] $self:tt $g:tt $w:tt $slot:ident (String $(,)?)) => {
-        $crate::__slot! { @value [$name] $self $g $w $slot [String] [String] [bind_str] [] }
+    ([$name:ident] $self:tt $g:tt $w:tt $slot:ident $shown:tt (String $(,)?)) => {
+        $crate::__slot! { @value [$name] $self $g $w $slot $shown [String] [bind_str] [] }
     };
-    ([$name:ident] $self:tt $g:tt $w:tt $slot:ident (Vec<$t:ty> $(,)?)) => {
-        $crate::__slot! { @value [$name] $self $g $w $slot [Vec<$t>] [Vec<$t>] [bind_slice] [$t,] }
+    ([$name:ident] $self:tt $g:tt $w:tt $slot:ident $shown:tt (Vec<$t:ty> $(,)?)) => {
+        $crate::__slot! { @value [$name] $self $g $w $slot $shown [Vec<$t>] [bind_slice] [$t,] }
     };
-    ([$name:ident] $self:tt $g:tt $w:tt $slot:ident ($t:ty $(,)?)) => {
-        $crate::__slot! { @value [$name] $self $g $w $slot [$t] [$t] [bind_exact] [] }
+    ([$name:ident] $self:tt $g:tt $w:tt $slot:ident $shown:tt ($t:ty $(,)?)) => {
+        $crate::__slot! { @value [$name] $self $g $w $slot $shown [$t] [bind_exact] [] }
     };
-    ([$name:ident] $self:tt $g:tt $w:tt $slot:ident ($($many:tt)+)) => {
-        $crate::__slot! { @many [$name] $self $g $w $slot [$($many)+] [] $($many)+ , }
+    ([$name:ident] $self:tt $g:tt $w:tt $slot:ident $shown:tt ($($many:tt)+)) => {
+        $crate::__slot! { @many [$name] $self $g $w $slot $shown [] $($many)+ , }
     };
 
     // Several arguments: each is named, with its owned type and how the method wants it.
@@ -400,6 +400,8 @@ macro_rules! __slot {
         }
     };
     (@generic [$self:ty] [$($g:ident),*] [$($w:tt)*] $slot:ident [$($bound:tt)*] $args:ident [$pass:expr]) => {
+        // So that an error names the slot and the signal's type and not a bound of this implementation.
+        #[diagnostic::do_not_recommend]
         impl<__A: ?Sized + $($bound)*, $($g),*> $crate::macro_support::SlotFor<__A> for $slot<$self>
         where $($w)*
         {

@@ -258,7 +258,10 @@ impl Cx {
             }
         });
         match attached {
-            Attached::New => self.counters.links_made += 1,
+            Attached::New => {
+                self.counters.links_made += 1;
+                self.sources.listened_to(wish.source);
+            }
             Attached::Mismatch => {
                 self.counters.links_refused += 1;
                 let (signal, slot) = (wish.signal, wish.slot);

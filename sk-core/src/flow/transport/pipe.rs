@@ -39,10 +39,10 @@ impl Bell {
         }
         let token = *token;
         if cx.is_my_mailbox(mailbox) {
-            cx.mark_source_ready(token);
+            cx.offer_source(token);
         } else {
             // A loop that has ended hears nothing any more; this end finds the queue closed.
-            let _ = mailbox.post_anyway(Message::Settle(Box::new(move |cx| cx.mark_source_ready(token))));
+            let _ = mailbox.post_anyway(Message::Settle(Box::new(move |cx| cx.offer_source(token))));
         }
     }
 }
@@ -87,7 +87,7 @@ impl PipeEnd {
         // An end is placed once, by whoever grows it.
         let _ = self.mine.place.set(place);
         // What came before is looked at now.
-        cx.mark_source_ready(token);
+        cx.offer_source(token);
     }
 
     /// To be called when the source is served, before frames are taken.
