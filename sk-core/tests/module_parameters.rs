@@ -143,7 +143,10 @@ fn an_unknown_name_is_an_error_that_lists_the_known_ones() {
 }
 
 #[test]
-fn a_long_name_does_not_make_a_long_error() {
+fn a_long_name_or_value_does_not_make_a_long_error() {
+    let gains = SkVariant::map([("g".repeat(100_000), "none".into())]);
+    let error = Battery::default().set("gains", &gains).unwrap_err().to_string();
+    assert!(error.len() < 400, "{error}");
     let error = ParameterError::unknown::<Nothing>(&"\n".repeat(100_000)).to_string();
     assert!(error.len() < 400 && !error.contains('\n'), "{error}");
     let error = Battery::default()
@@ -167,8 +170,7 @@ fn what_a_map_lacks_has_its_default() {
 
 #[test]
 fn a_set_survives_the_way_through_json() {
-    let mut battery = Battery::default();
-    battery.offset = 7;
+    let mut battery = Battery { offset: 7, ..Default::default() };
     battery.gains.insert("p".into(), 0.1);
     battery.r#type = Some(1.5);
     let json = battery.to_variant().to_json().expect("is not deep");

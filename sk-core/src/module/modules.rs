@@ -86,7 +86,10 @@ impl Handle<Modules> {
         let name = runner.name().to_owned();
         let supervisor = cx.under(self).named(&name).try_spawn(ModuleSupervisor::new(runner, policy))?;
         // Only one that is busy is not kept: the new one is its child all the same, and stops with it.
-        let _ = cx.with(self, |modules, _| modules.order.push(supervisor));
+        let _ = cx.with(self, |modules, cx| {
+            modules.order.retain(|other| cx.is_alive(*other));
+            modules.order.push(supervisor);
+        });
         supervisor.make(cx);
         Ok(supervisor)
     }

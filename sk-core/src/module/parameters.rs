@@ -3,8 +3,8 @@
 use sk_flat::{Kind, SkVariant, VariantError};
 use std::fmt;
 
-/// How many characters of a refused value an error repeats.
-const FOUND_CHARS_MAX: usize = 80;
+/// How many characters of a refused name or value an error repeats.
+const FOUND_CHARS_MAX: usize = 160;
 
 /// A set of named, checked settings; [`parameters!`](crate::parameters) makes one.
 ///
@@ -188,7 +188,7 @@ pub enum ParameterError {
         known: &'static [ParameterInfo],
     },
     /// The value cannot be read as the parameter's type.
-    #[error("parameter `{}` takes {info}: {cause}", info.name)]
+    #[error("parameter `{}` takes {info}: {}", info.name, shortened(&cause.to_string()))]
     Type {
         /// The declaration.
         info: &'static ParameterInfo,

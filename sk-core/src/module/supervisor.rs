@@ -147,7 +147,8 @@ impl Handle<ModuleSupervisor> {
         cx.with(self, |supervisor, _| supervisor.restarts)
     }
 
-    /// The module, while there is one. After a restart it is another object.
+    /// The module, while there is one. After a restart it is another object: who has links with it attaches
+    /// them anew when [`changed`](ModuleSupervisor::changed) says `Running`.
     pub fn module(self, cx: &mut Cx) -> Option<ObjectId> {
         cx.with(self, |supervisor, _| supervisor.runner.as_ref()?.module()).ok()?
     }
