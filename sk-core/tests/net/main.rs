@@ -1,0 +1,5 @@
+//! Sockets as objects, in the real and in the simulated world.
+
+mod actors;
+mod both_worlds;
+mod simulated_only;
