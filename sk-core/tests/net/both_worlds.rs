@@ -43,9 +43,6 @@ fn destroying_in_the_own_slot_is_not_told_as_closed() {
 #[test]
 fn eight_mebibytes_pass_through_an_echo_that_holds_little() {
     everywhere(|stage| {
-        if stage.cx().settings().mode == TimingMode::Coarse {
-            return;
-        }
         let cx = stage.cx();
         let (_, at) = Door::open(cx, &any_port());
         let sent = pattern(8 << 20);

@@ -2,4 +2,5 @@
 
 mod actors;
 mod both_worlds;
+mod scarce;
 mod simulated_only;
