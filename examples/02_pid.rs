@@ -30,7 +30,7 @@ struct Pid {
 }
 impl Pid {
     fn on_measured(&mut self, cx: &mut Cx, angle: f64) {
-        let dt = cx.interval.as_secs_f64();
+        let dt = cx.pulse().interval.as_secs_f64();
         let error = self.target - angle;
         self.sum += error * dt;
         let slope = (error - self.last) / dt;
@@ -48,13 +48,16 @@ impl Pid {
 }
 object! { Pid { signals { output(f64) } slots { on_measured(f64) set_target(f64) on_overrun() } } }
 
-fn main() {
-    let mut app = SkApp::new();
+fn main() -> Result<(), AppError> {
+    let mut app = SkApp::builder()
+        .mode(TimingMode::Realtime)
+        .interval(Duration::from_millis(1))
+        .build()?;
     let cx = app.cx();
-    cx.realtime = true; // app.set_mode(Mode::Realtime), interval 1 ms
     let sensor = cx.spawn(Sensor::default());
-    let pid = cx.spawn(Pid { kp: 20.0, ki: 1.0, kd: 0.01, target: 1.0, ..Default::default() });
-    cx.set_name(pid, "pid");
+    let pid = cx
+        .named("pid")
+        .spawn(Pid { kp: 20.0, ki: 1.0, kd: 0.01, target: 1.0, ..Default::default() });
     attach!(cx, cx.fast_zone().pulse => sensor.sample);
     attach!(cx, sensor.measured => pid.on_measured);
     attach!(cx, pid.output => sensor.drive); // a cycle: the sensor is still emitting
@@ -63,8 +66,9 @@ fn main() {
     let step = cx.spawn(Operator);
     attach!(cx, cx.one_sec_zone().pulse => step.act);
     app.run();
-    let cx = app.cx();
-    println!("overruns {}, parked calls {}", cx.overruns, cx.parked);
+    let stats = app.cx().stats();
+    println!("overruns {}, parked calls {}", stats.overruns, stats.counters.parked);
+    Ok(())
 }
 
 struct Operator;
@@ -74,7 +78,7 @@ impl Operator {
         cx.invoke_method(pid, "set_target", &[2i64.into()])
             .map_err(|e| format!("{e:?}"))?; // a whole number where a float is due
         cx.invoke_method(pid, "set_taget", &[2.0.into()]).unwrap_err();
-        if cx.pulse_no > 1500 {
+        if cx.pulse().number > 1500 {
             cx.quit()
         }
         Ok(())

@@ -52,21 +52,22 @@ impl Display {
 }
 object! { Display { signals {} slots { show(&Frame) mark(u64, u32) } } }
 
-fn main() {
+fn main() -> Result<(), ThreadError> {
     let mut app = SkApp::new();
     let cx = app.cx();
     let display = cx.spawn(Display::default());
 
-    let (vision, detector) = SkThread::start("vision", |cx| {
-        let d = cx.spawn(Detector::default());
-        cx.remote(d)
-    });
-    let (grabber, camera) = SkThread::start("camera", |cx| {
-        cx.interval = Duration::from_millis(5);
+    let vision = SkThread::new("vision").start(cx)?;
+    let detector = vision.build(|cx| {
+        let detector = cx.spawn(Detector::default());
+        cx.remote(detector)
+    })?;
+    let grabber = SkThread::new("camera").interval(Duration::from_millis(5)).start(cx)?;
+    let camera = grabber.build(|cx| {
         let camera = cx.spawn(Camera::default());
         attach!(cx, cx.fast_zone().pulse => camera.grab);
         cx.remote(camera)
-    });
+    })?;
 
     attach!(cx, camera.frame => detector.look, Latest); // remote to remote
     attach!(cx, camera.frame => cx.remote(display).show, Latest); // remote to local
@@ -74,4 +75,5 @@ fn main() {
     app.run();
     grabber.stop();
     vision.stop();
+    Ok(())
 }

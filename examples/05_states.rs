@@ -1,4 +1,4 @@
-//! A door: closed -> opening (2 pulses) -> open -> closing -> closed, with a timeout that a person in the door restarts.
+//! A door: closed -> opening -> open -> closing -> closed, with a time-out that a person in the door restarts.
 use sk_core::prelude::*;
 
 #[derive(PartialEq, Debug, Clone, Copy)]
@@ -12,68 +12,69 @@ enum State {
 struct Door {
     state: State,
     timer: Handle<Timer>,
-    changed: Signal<&'static str>,
+    changed: Signal<State>,
 }
+
 impl Door {
     fn new(cx: &mut Cx, this: Handle<Door>) -> Door {
-        let timer = cx.spawn_under(this, Timer::default()); // the parent is not placed yet
-        attach!(cx, timer.timeout => this.on_timeout); // S54: attach in the constructor
+        let timer = cx.under(this).spawn(Timer::default());
+        attach!(cx, timer.timeout => this.on_timeout);
         Door { state: State::Closed, timer, changed: Signal::new() }
     }
-    fn go(&mut self, cx: &mut Cx, to: State, ms: u64) {
-        self.state = to;
-        self.changed.emit(
-            cx,
-            match to {
-                State::Closed => "closed",
-                State::Opening => "opening",
-                State::Open => "open",
-                State::Closing => "closing",
-            },
-        );
-        if ms > 0 {
-            let _ = cx.with(self.timer, |t, cx| t.start_once(cx, Duration::from_millis(ms)));
-        }
-    }
-    fn press(&mut self, cx: &mut Cx) {
-        if self.state != State::Open {
-            self.go(cx, State::Opening, 20)
-        }
-    }
-    fn person(&mut self, cx: &mut Cx) {
-        if self.state != State::Closed {
-            self.go(cx, State::Open, 50)
-        }
-    }
-    fn on_timeout(&mut self, cx: &mut Cx) {
-        match self.state {
-            State::Opening => self.go(cx, State::Open, 50),
-            State::Open => self.go(cx, State::Closing, 20),
-            State::Closing => self.go(cx, State::Closed, 0),
-            State::Closed => {}
-        }
-    }
-}
-object! { Door { signals { changed(&'static str) } slots { press() person() on_timeout() } } }
 
-struct Log(u32);
-impl Log {
-    fn note(&mut self, cx: &mut Cx, what: &'static str) {
-        self.0 += 1;
-        println!("{what}");
-        if what == "closed" {
-            cx.quit()
+    fn go(&mut self, cx: &mut Cx, to: State, stay: Duration) -> Result<(), Access> {
+        self.state = to;
+        self.changed.emit(cx, to);
+        if stay.is_zero() { self.timer.stop(cx) } else { self.timer.start_once(cx, stay) }
+    }
+
+    fn press(&mut self, cx: &mut Cx) -> Result<(), Access> {
+        match self.state {
+            State::Open => Ok(()),
+            _ => self.go(cx, State::Opening, Duration::from_millis(20)),
+        }
+    }
+
+    fn person(&mut self, cx: &mut Cx) -> Result<(), Access> {
+        match self.state {
+            State::Closed => Ok(()),
+            _ => self.go(cx, State::Open, Duration::from_millis(50)),
+        }
+    }
+
+    fn on_timeout(&mut self, cx: &mut Cx) -> Result<(), Access> {
+        match self.state {
+            State::Opening => self.go(cx, State::Open, Duration::from_millis(50)),
+            State::Open => self.go(cx, State::Closing, Duration::from_millis(20)),
+            State::Closing => self.go(cx, State::Closed, Duration::ZERO),
+            State::Closed => Ok(()),
         }
     }
 }
-object! { Log { signals {} slots { note(&'static str) } } }
+object! { Door { signals { changed(State) } slots { press() person() on_timeout() } } }
+
+#[derive(Default)]
+struct Log {
+    steps: u32,
+}
+impl Log {
+    fn note(&mut self, cx: &mut Cx, state: State) {
+        self.steps += 1;
+        println!("{state:?}");
+        if state == State::Closed {
+            cx.quit();
+        }
+    }
+}
+object! { Log { slots { note(State) } } }
 
 fn main() {
     let mut app = SkApp::new();
     let cx = app.cx();
     let door = cx.spawn_with(Door::new);
-    let log = cx.spawn(Log(0));
+    let log = cx.spawn(Log::default());
     attach!(cx, door.changed => log.note);
-    attach!(cx, cx.slow_zone().pulse => door.press, OneShot); // someone presses once
+    attach!(cx, cx.slow_zone().pulse => door.press, OneShot); // someone presses once …
+    attach!(cx, door.changed => door.person(), Queued.once()); // … and walks through as it opens
     app.run();
 }

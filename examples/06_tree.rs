@@ -32,7 +32,7 @@ impl Supervisor {
     }
     fn start(&mut self, cx: &mut Cx) {
         let this = cx.this(self);
-        let worker = cx.spawn_under(this, Worker { n: 0, failed: Signal::new() });
+        let worker = cx.under(this).spawn(Worker { n: 0, failed: Signal::new() });
         attach!(cx, worker.failed => this.on_failed, Queued);
         attach!(cx, cx.fast_zone().pulse => worker.work);
         self.worker = Some(worker);
@@ -66,7 +66,7 @@ fn main() {
     let mut app = SkApp::new();
     let cx = app.cx();
     let boss = cx.spawn(Supervisor::default());
-    let child = cx.spawn_under(boss, Assassin { parent: boss });
+    let child = cx.under(boss).spawn(Assassin { parent: boss });
     attach!(cx, boss.gave_up => child.strike());
     app.run();
     assert!(!app.cx().is_alive(boss) && !app.cx().is_alive(child));

@@ -23,14 +23,14 @@ object! { for[T] where[T: Clone + 'static] Filter<T> { signals { out(Vec<T>) } s
 
 // 'extends': a base, a derived, a derived of the derived
 #[derive(Default)]
-pub struct Device {
+struct Device {
     name: String,
     failed: Signal<str>,
     resets: u32,
 }
 impl Device {
     /// a base that links itself: `this` is a Handle<Device>, though the object is a Wheel
-    pub fn watch(&mut self, cx: &mut Cx) {
+    fn watch(&mut self, cx: &mut Cx) {
         let this = cx.this(self);
         attach!(cx, cx.slow_zone().pulse => this.reset)
     }
@@ -45,7 +45,7 @@ impl Device {
 object! { Device { signals { failed(&str) } slots { reset() fail(&str) } } }
 
 #[derive(Default)]
-pub struct Motor {
+struct Motor {
     device: Device,
     speed: f32,
     stalled: Signal<f32>,
@@ -68,7 +68,7 @@ struct Wheel {
 }
 impl Wheel {
     fn turn(&mut self, cx: &mut Cx) {
-        if cx.pulse_no == 1 {
+        if cx.pulse().round == 2 {
             self.motor.device.watch(cx)
         }
         self.motor.set_speed(cx, 10.0);
@@ -106,17 +106,15 @@ fn main() {
     attach!(cx, wheel.failed => seen.text); // Device's signal, on a Wheel
     attach!(cx, wheel.turned => wheel.reset, Queued); // Device's slot, on a Wheel
     attach!(cx, cx.fast_zone().pulse => wheel.turn);
-    cx.attach_by_name(wheel.into(), "failed", seen.into(), "text", Mode::Queued)
-        .unwrap(); // the same link: Ok, counted at rewire, changes nothing
-    cx.attach_by_name(seen.into(), "failed", seen.into(), "text", Mode::Queued)
-        .unwrap_err();
-    cx.invoke_method(wheel.into(), "reset", &[]).unwrap(); // Device's slot by name, on a Wheel
+    cx.attach_by_name(wheel, "failed", seen, "text", Mode::Queued).unwrap(); // the same link: Ok, counted at rewire, changes nothing
+    cx.attach_by_name(seen, "failed", seen, "text", Mode::Queued).unwrap_err();
+    cx.invoke_method(wheel, "reset", &[]).unwrap(); // Device's slot by name, on a Wheel
     for _ in 0..10 {
         app.pulse()
     }
     app.cx()
         .with(seen, |s, _| println!("{:?} {}", s.strings.len(), s.batches))
         .unwrap();
-    println!("duplicates {}", app.cx().duplicates);
+    println!("duplicates {}", app.cx().counters().duplicates);
     app.cx().with(filter, |f, _| println!("{}", f.owner)).unwrap();
 }

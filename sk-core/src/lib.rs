@@ -36,6 +36,8 @@
 #![deny(unsafe_code)]
 
 pub mod eventloop;
+pub mod flow;
+pub mod module;
 pub mod net;
 pub mod object;
 pub mod signal;
@@ -45,6 +47,7 @@ pub mod thread;
 pub mod world;
 
 pub use eventloop::{Cx, SkApp, SkEventLoop, Timer, TimingMode};
+pub use flow::{SkFlowSat, SkFlowServer};
 pub use net::{CloseReason, Datagrams, Listener, Socket, WriteError};
 pub use object::{Access, Address, Handle, MetaError, ObjectId, SkObject};
 pub use signal::{Mode, Signal};
@@ -70,10 +73,12 @@ pub mod prelude {
 /// What the macros expand to; not for use by hand.
 #[doc(hidden)]
 pub mod macro_support {
+    pub use crate::module::{checked, plain_name};
     pub use crate::object::{Extends, Itself, Node, Project, Through, assert_distinct, member_uid};
     pub use crate::signal::{
         AnySignal, Bound, Convertible, Crossable, Described, FixedConversion, IntoOutcome, Outcome,
         SignalMeta, SignalRef, SlotFor, SlotMeta, SlotRef, SlotTag, Staying, attach, attach_ignoring,
         bind_exact, bind_ref, bind_slice, bind_str, detach,
     };
+    pub use sk_flat::IntoVariant;
 }

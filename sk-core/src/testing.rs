@@ -38,6 +38,9 @@ use std::rc::Rc;
 use std::sync::Arc;
 use std::time::Duration;
 
+/// The user id that every process of a simulated world has.
+pub const USER_ID: u32 = crate::world::net::SIMULATED_UID;
+
 /// The random stream that breaks ties, apart from those of loops.
 const TIES_STREAM: u64 = 1 << 40;
 

@@ -10,6 +10,8 @@ use std::rc::Rc;
 const DYING: u8 = 8;
 /// How many objects are buried a round before the rest is left to the next one. Looked at between subtrees.
 const BURIALS_PER_ROUND_MAX: usize = 65_536;
+/// How often the end of a loop buries what hooks spawned meanwhile before it stops running hooks.
+const END_PASSES_WITH_HOOKS: usize = 8;
 /// Shells of buried objects that are tolerated however few objects live.
 const SHELLS_TOLERATED: u32 = 1024;
 
@@ -63,13 +65,8 @@ impl Cx {
             if let Some(node) = self.table.node(at).cloned()
                 && !node.header().has(DYING)
             {
-                // What a hook spawns below its own object must not have hooks again, for ever.
-                let orphan = self.table.parent(at).is_some_and(|parent| self.is_dying(parent))
-                    && !node.header().has(MARKED);
                 node.header().set(MARKED | DYING);
-                if !orphan {
-                    self.run_hook(at, &*node, "on_destroy");
-                }
+                self.run_hook(at, &*node, "on_destroy");
             }
             if let Some(child) = self.table.first_child(at) {
                 at = child;
@@ -83,6 +80,15 @@ impl Cx {
                 Some(parent) if at != top => at = parent,
                 _ => return buried,
             }
+        }
+    }
+
+    /// What a hook spawns below its own dying object has no hooks: that could go on for ever.
+    pub(crate) fn deny_hooks_below_the_dying(&self, id: ObjectId) {
+        if self.table.parent(id).is_some_and(|parent| self.is_dying(parent))
+            && let Some(node) = self.table.node(id)
+        {
+            node.header().set(DYING);
         }
     }
 
@@ -126,15 +132,13 @@ impl Cx {
             self.own.slow_zone.id(),
             self.own.one_sec_zone.id(),
         ];
+        // Hooks may spawn; what they spawn is buried too, but only so often with hooks of its own.
+        let mut with_hooks = END_PASSES_WITH_HOOKS;
         for keep in [&own[..], &[]] {
-            let mut at = self.table.first_root();
-            while let Some(id) = at {
-                at = self.table.next_sibling(id);
-                if !keep.contains(&id) {
-                    self.mark(id, Reason::LoopEnd);
-                }
+            while self.mark_roots(keep, with_hooks == 0) {
+                with_hooks = with_hooks.saturating_sub(1);
+                self.bury_marked(self.table.living() as usize);
             }
-            self.bury_marked(usize::MAX);
         }
         self.queue.clear();
         self.remote_calls.clear();
@@ -142,6 +146,29 @@ impl Cx {
         self.rewires.clear();
         self.crossings.clear();
         self.news.clear();
+    }
+}
+
+impl Cx {
+    /// Puts every root but `keep` up for burial; answers whether there was one.
+    fn mark_roots(&mut self, keep: &[ObjectId], silently: bool) -> bool {
+        let mut found = false;
+        let mut at = self.table.first_root();
+        while let Some(id) = at {
+            at = self.table.next_sibling(id);
+            if !keep.contains(&id) {
+                found = true;
+                self.mark(id, Reason::LoopEnd);
+            }
+        }
+        if silently {
+            for id in self.table.ids() {
+                if let Some(node) = self.table.node(id) {
+                    node.header().set(DYING);
+                }
+            }
+        }
+        found
     }
 }
 

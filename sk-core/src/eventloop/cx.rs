@@ -17,6 +17,7 @@ use rustc_hash::FxHashMap;
 use sk_flat::Instant;
 use std::any::{Any, TypeId};
 use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::rc::Rc;
 use std::sync::Arc;
 use std::time::Duration;
@@ -64,6 +65,8 @@ pub struct Cx {
     pub(crate) quitting: bool,
     pub(crate) ended: bool,
     pub(crate) queue_full_told: bool,
+    /// A call was refused since the last account: the episode goes on.
+    pub(crate) queue_full_now: bool,
     /// Somebody listens to every burial; looked up once per burial step.
     pub(crate) own_buried_listeners: bool,
     pub(crate) trace: Option<crate::testing::Trace>,
@@ -140,6 +143,7 @@ impl Cx {
             quitting: false,
             ended: false,
             queue_full_told: false,
+            queue_full_now: false,
             own_buried_listeners: false,
             trace: None,
             scheduler: std::rc::Weak::new(),
@@ -235,6 +239,7 @@ impl Cx {
         let node = Rc::new(Node::new(id, object));
         self.table.fill(id, node.clone());
         if doomed {
+            self.deny_hooks_below_the_dying(id);
             self.destroy_later(id);
             return Handle::new(id);
         }
@@ -346,14 +351,15 @@ impl Cx {
     }
 
     /// Tells of one object's burial: `attach!(cx, cx.watch(worker).buried => boss.on_gone)`. For an object
-    /// that is gone already it tells in the next round.
+    /// that is gone already it tells at the end of the round, with [`Reason::Asked`](super::Reason::Asked).
     pub fn watch(&mut self, id: impl Into<ObjectId>) -> Handle<Watch> {
         let id = id.into();
         let watch = self.spawn(Watch::default());
-        if !self.table.exists(id) {
-            self.news.push_back(News::Buried(id, crate::eventloop::Reason::Asked));
+        if self.table.exists(id) {
+            self.watches.entry(id).or_default().push(watch);
+        } else {
+            self.news.push_back(News::BuriedBefore(id, watch));
         }
-        self.watches.entry(id).or_default().push(watch);
         watch
     }
 
@@ -535,9 +541,10 @@ impl<'a> Spawner<'a> {
 
     /// Makes the object with a constructor that needs its handle.
     pub fn spawn_with<T: SkObject>(self, make: impl FnOnce(&mut Cx, Handle<T>) -> T) -> Handle<T> {
-        let (id, doomed) = self.cx.place(self.placement);
-        let object = make(self.cx, Handle::new(id));
-        self.cx.fill(id, object, doomed)
+        match self.try_spawn_with(|cx, this| Ok::<T, std::convert::Infallible>(make(cx, this))) {
+            Ok(handle) => handle,
+            Err(never) => match never {},
+        }
     }
 
     /// Makes the object with a constructor that may fail.
@@ -549,11 +556,16 @@ impl<'a> Spawner<'a> {
         make: impl FnOnce(&mut Cx, Handle<T>) -> Result<T, E>,
     ) -> Result<Handle<T>, E> {
         let (id, doomed) = self.cx.place(self.placement);
-        match make(self.cx, Handle::new(id)) {
-            Ok(object) => Ok(self.cx.fill(id, object, doomed)),
-            Err(error) => {
+        // A constructor that panics leaves children too, and goes on to the guard of the slot it runs in.
+        match catch_unwind(AssertUnwindSafe(|| make(self.cx, Handle::new(id)))) {
+            Ok(Ok(object)) => Ok(self.cx.fill(id, object, doomed)),
+            Ok(Err(error)) => {
                 self.cx.destroy_later(id);
                 Err(error)
+            }
+            Err(panic) => {
+                self.cx.destroy_later(id);
+                resume_unwind(panic)
             }
         }
     }

@@ -8,12 +8,16 @@ use crate::object::{AnyNode, DEFERRED, Handle, Header, ObjectId, SkObject, WAITI
 use crate::signal::{Call, Links, OnceCall, QueuedCall, Signal, SlotMeta};
 use sk_flat::{Instant, SkElapsedTime};
 use std::any::TypeId;
+use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
 use std::time::Duration;
 
 /// How many failures are logged a second; the rest are counted.
 const FAILURES_LOGGED_PER_SECOND_MAX: u32 = 10;
+
+/// Room for this many calls a loop's queue keeps in any case.
+const QUEUE_KEPT_MAX: usize = 1024;
 
 /// One level of nested calls: whose slot runs, and how many slots of the emit it is in are still to run.
 #[derive(Clone, Copy)]
@@ -45,6 +49,14 @@ pub(crate) struct LogBudget {
     second: SkElapsedTime,
     used: u32,
     suppressed: u64,
+}
+
+/// After a burst a queue keeps twice the room that this round needed.
+pub(crate) fn give_room_back<T>(queue: &mut VecDeque<T>, needed: usize) {
+    let needed = needed.max(queue.len());
+    if queue.capacity() > QUEUE_KEPT_MAX.max(needed * 4) {
+        queue.shrink_to(QUEUE_KEPT_MAX.max(needed * 2));
+    }
 }
 
 impl Cx {
@@ -110,11 +122,25 @@ impl Cx {
     #[cold]
     pub(crate) fn refused_full(&mut self) {
         self.counters.refused_full += 1;
+        self.tell_full();
+    }
+
+    fn tell_full(&mut self) {
+        self.queue_full_now = true;
         if !self.queue_full_told {
             self.queue_full_told = true;
             tracing::warn!(waiting = self.queue.len(), "a queue is full: calls are refused");
             self.news.push_back(News::MailboxFull);
         }
+    }
+
+    /// An episode of refusals ends with the first round in which nothing was refused.
+    pub(crate) fn watch_room(&mut self) {
+        if self.inbox.mailbox().take_refused() > 0 {
+            self.tell_full();
+        }
+        self.queue_full_told &= self.queue_full_now;
+        self.queue_full_now = false;
     }
 
     pub(crate) fn queue_link(&mut self, link: Rc<dyn QueuedCall>) {
@@ -136,6 +162,7 @@ impl Cx {
                 Token::Drain(id) => cx.drain_deferred(id),
             });
         }
+        give_room_back(&mut self.queue, count);
     }
 
     /// Calls a slot at once, from a top-level dispatch.
@@ -224,7 +251,7 @@ impl Cx {
     pub(crate) fn guarded(&mut self, f: impl FnOnce(&mut Cx)) {
         let depth = self.depth;
         if let Err(payload) = catch_unwind(AssertUnwindSafe(|| f(self))) {
-            self.caught(depth, &payload);
+            self.caught(depth, &*payload);
         }
     }
 
@@ -238,6 +265,7 @@ impl Cx {
         let reached = self.depth.min(Frame::ROOM - 1);
         let frames: Vec<Frame> = self.chain[depth.min(reached)..=reached].to_vec();
         self.depth = depth;
+        self.timing.nested = Duration::ZERO;
         let innermost = *frames.last().unwrap_or(&Frame::NOBODY);
         // The slots after the first level's are not skipped: each has a guard of its own.
         let skipped = frames.iter().skip(1).map(|frame| u64::from(frame.left)).sum();
@@ -358,7 +386,7 @@ impl Cx {
     ) {
         let before = self.chain_top();
         self.enter_access(emitter);
-        if self.depth == 0 && !self.timing.on {
+        if self.depth == 0 {
             links.fire_guarded(self, args);
             if self.trace.is_some() {
                 self.trace_dispatch();
@@ -387,11 +415,7 @@ impl Cx {
     pub(crate) fn timed(&mut self, f: impl FnOnce(&mut Cx)) {
         let before = self.world.clock.now();
         let outer_nested = std::mem::take(&mut self.timing.nested);
-        if self.depth == 1 {
-            self.guarded(f)
-        } else {
-            f(self)
-        }
+        f(self);
         let nested = std::mem::replace(&mut self.timing.nested, outer_nested);
         let spent = self.world.clock.now().since(before);
         self.timing.nested += spent;

@@ -2,13 +2,28 @@
 
 use crate::Cx;
 use crate::eventloop::cx::RemoteCall;
+use crate::eventloop::dispatch::give_room_back;
 use crate::object::ObjectId;
-use crate::signal::Rewire;
-use crate::thread::{Message, RemoteReceive, There};
+use crate::signal::{OnceCall, Rewire};
+use crate::thread::{Mailbox, Message, RemoteReceive, There};
 use std::rc::Rc;
+use std::sync::Arc;
 
 /// How many messages are taken at once; the rest waits for the next turn.
 const MESSAGES_PER_TURN_MAX: usize = 16_384;
+
+struct OwnWork {
+    object: ObjectId,
+    work: Box<dyn FnOnce(&mut Cx)>,
+}
+
+impl OnceCall for OwnWork {
+    fn run(self: Box<Self>, cx: &mut Cx) {
+        if cx.is_alive(self.object) {
+            (self.work)(cx);
+        }
+    }
+}
 
 impl Cx {
     /// Takes what waits in the mailbox: bookkeeping is done, calls are kept for step 6, requests for step 8.
@@ -32,7 +47,8 @@ impl Cx {
 
     /// Step 6, its second part: the calls that were taken in step 3.
     pub(crate) fn run_remote_calls(&mut self) {
-        for _ in 0..self.remote_calls.len() {
+        let count = self.remote_calls.len();
+        for _ in 0..count {
             let Some(call) = self.remote_calls.pop_front() else { return };
             match call {
                 RemoteCall::Crossing(number) => match self.crossings.get(&number).cloned() {
@@ -47,6 +63,7 @@ impl Cx {
                 RemoteCall::Run(work) => self.top_level(work),
             }
         }
+        give_room_back(&mut self.remote_calls, count);
     }
 
     pub(crate) fn open_crossing(&mut self, number: u64, target: ObjectId, crossing: Rc<dyn RemoteReceive>) {
@@ -72,6 +89,20 @@ impl Cx {
                 crossing.tell_gone();
             }
         }
+    }
+
+    /// Runs work of a framework object in the next round, in order with queued calls; nothing if the
+    /// object is gone by then.
+    pub(crate) fn post_own(&mut self, object: impl Into<ObjectId>, work: impl FnOnce(&mut Cx) + 'static) {
+        self.queue_once(Box::new(OwnWork { object: object.into(), work: Box::new(work) }));
+    }
+
+    pub(crate) fn own_mailbox(&self) -> Arc<Mailbox> {
+        self.inbox.mailbox().clone()
+    }
+
+    pub(crate) fn is_my_mailbox(&self, mailbox: &Arc<Mailbox>) -> bool {
+        Arc::ptr_eq(mailbox, self.inbox.mailbox())
     }
 
     pub(crate) fn post_rewire(&mut self, there: &There, rewire: Rewire) {

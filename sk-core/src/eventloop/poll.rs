@@ -43,6 +43,8 @@ pub(crate) struct Sources {
     ready: VecDeque<usize>,
     fresh: Vec<Readiness>,
     dirty: VecDeque<(ObjectId, Flush)>,
+    /// Listeners that wait for descriptors; looked at once a round.
+    later: Vec<(Instant, Token)>,
     os_signals_ready: bool,
     looked: bool,
 }
@@ -137,6 +139,23 @@ impl Cx {
         }
     }
 
+    /// The same, after a while.
+    pub(crate) fn offer_source_after(&mut self, token: Token, after: Duration) {
+        let due = self.now() + after;
+        self.sources.later.push((due, token));
+    }
+
+    fn mark_what_waited(&mut self, now: Instant) {
+        if self.sources.later.is_empty() {
+            return;
+        }
+        let (due, later): (Vec<_>, Vec<_>) = self.sources.later.drain(..).partition(|(due, _)| *due <= now);
+        self.sources.later = later;
+        for (_, token) in due {
+            self.offer_source(token);
+        }
+    }
+
     /// The source is to be served though nothing new was reported: it was left with something to read, or
     /// its owner has news of its own. It comes in this step 4, or in the next round's.
     pub(crate) fn offer_source(&mut self, token: Token) {
@@ -180,6 +199,7 @@ impl Cx {
             self.look_at_sources(Some(Duration::ZERO));
             self.sources.looked = false;
         }
+        self.mark_what_waited(began);
         let os_signals_ready = std::mem::take(&mut self.sources.os_signals_ready);
         self.hear_os_signals(os_signals_ready);
         let mut served = false;

@@ -143,13 +143,7 @@ impl Cx {
             }
             self.watch_load(job_time, laps);
         }
-        if self.queue_full_told && self.queue.len() < self.settings.queue_calls_max / 2 {
-            self.queue_full_told = false;
-        }
-        if self.inbox.mailbox().take_refused() > 0 && !self.queue_full_told {
-            self.queue_full_told = true;
-            self.news.push_back(News::MailboxFull);
-        }
+        self.watch_room();
         if !self.news.is_empty() {
             self.tell_news();
         }

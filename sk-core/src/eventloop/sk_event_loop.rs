@@ -2,7 +2,7 @@
 
 use crate::Cx;
 use crate::eventloop::Step;
-use crate::object::ObjectId;
+use crate::object::{Handle, ObjectId};
 use crate::signal::Signal;
 use crate::world::OsSignal;
 use std::time::Duration;
@@ -128,6 +128,8 @@ pub(crate) enum News {
     SlotFailed(Failure),
     MailboxFull,
     Buried(ObjectId, Reason),
+    /// Somebody watches an object that was gone already.
+    BuriedBefore(ObjectId, Handle<Watch>),
     OsSignal(OsSignal),
 }
 
@@ -143,6 +145,7 @@ impl Cx {
                 News::SlotFailed(failure) => self.emit_own(object, |l| &l.slot_failed, &failure),
                 News::MailboxFull => self.emit_own(object, |l| &l.mailbox_full, &()),
                 News::Buried(id, reason) => self.tell_buried(id, reason),
+                News::BuriedBefore(id, watch) => self.tell_watch(watch, id, Reason::Asked),
                 News::OsSignal(signal) => self.tell_os_signal(signal),
             }
         }
@@ -152,9 +155,13 @@ impl Cx {
         let object = self.own.event_loop;
         self.emit_own(object, |l| &l.buried, &(id, reason));
         for watch in self.watches.remove(&id).unwrap_or_default() {
-            self.emit_own(watch, |w| &w.buried, &(id, reason));
-            self.destroy_later(watch);
+            self.tell_watch(watch, id, reason);
         }
+    }
+
+    fn tell_watch(&mut self, watch: Handle<Watch>, id: ObjectId, reason: Reason) {
+        self.emit_own(watch, |w| &w.buried, &(id, reason));
+        self.destroy_later(watch);
     }
 
     fn tell_os_signal(&mut self, signal: OsSignal) {

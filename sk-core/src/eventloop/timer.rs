@@ -41,7 +41,16 @@ pub struct Timer {
     running: bool,
 }
 
-crate::object! { pub Timer { signals { timeout() } } }
+crate::object! { pub Timer { signals { timeout() } hooks { on_destroy } } }
+
+impl Timer {
+    /// Its entry stays in the heap and must be counted as void there.
+    fn on_destroy(&mut self, cx: &mut Cx) {
+        if std::mem::replace(&mut self.running, false) {
+            cx.timers.voided();
+        }
+    }
+}
 
 impl Handle<Timer> {
     /// Fires every `period` from now on; a period below the loop's interval fires once a round. If it runs
@@ -69,6 +78,7 @@ impl Handle<Timer> {
         let stopped = cx.with(self, |timer, _| std::mem::replace(&mut timer.running, false))?;
         if stopped {
             cx.timers.voided();
+            cx.drop_void_timers();
         }
         Ok(())
     }
@@ -93,6 +103,7 @@ impl Handle<Timer> {
         }
         let due = cx.now() + after;
         cx.timers.push(due, number, self.id());
+        cx.drop_void_timers();
         Ok(())
     }
 }
@@ -157,11 +168,14 @@ impl Cx {
     }
 
     fn fire_timer(&mut self, timer: Handle<Timer>, now: Instant, due: Instant, number: u64) -> bool {
-        let marked = self.table.node(timer.id()).is_none_or(|node| node.header().has(MARKED));
-        let current =
-            !marked && self.with(timer, |timer, _| timer.running && timer.armed == number) == Ok(true);
+        let current = self.with(timer, |timer, _| timer.running && timer.armed == number) == Ok(true);
         if !current {
             self.timers.void = self.timers.void.saturating_sub(1);
+            return false;
+        }
+        if self.table.node(timer.id()).is_none_or(|node| node.header().has(MARKED)) {
+            // Its entry is gone now, so its burial has nothing to count.
+            let _ = self.with(timer, |timer, _| timer.running = false);
             return false;
         }
         let period = self.with(timer, |timer, _| {

@@ -63,28 +63,42 @@ macro_rules! object {
 #[doc(hidden)]
 #[macro_export]
 macro_rules! __object {
-    (@head $g:tt $w:tt $vis:vis $name:ident $(<$($ga:ident),*>)? $(: $field:ident = $base:ty)? {
+    // The accessors' `Deref` shows the base's type, so they are as visible as the class is said to be; without
+    // a base they can always be public, and a `pub` that is forgotten in the table does no harm.
+    (@head $g:tt $w:tt $vis:vis $name:ident $(<$($ga:ident),*>)? : $field:ident = $base:ty {
             $(signals { $($(#[$sm:meta])* $signal:ident ( $($sarg:tt)* ))* })?
             $(slots { $($(#[$lm:meta])* $slot:ident ( $($larg:tt)* ))* })?
             $(hooks { $($hook:ident)* })?
         }
     ) => {
         $crate::__object! {
-            @class [$vis $name] [$name $(<$($ga),*>)?] $g $w [$($field = $base)?]
+            @class [$vis] [$name] [$name $(<$($ga),*>)?] $g $w [$field = $base]
             [$($($signal ( $($sarg)* ))*)?] [$($($slot ( $($larg)* ))*)?] [$($($hook)*)?]
         }
     };
 
-    (@class [$vis:vis $name:ident] [$self:ty] $g:tt $w:tt $base:tt
+    (@head $g:tt $w:tt $vis:vis $name:ident $(<$($ga:ident),*>)? {
+            $(signals { $($(#[$sm:meta])* $signal:ident ( $($sarg:tt)* ))* })?
+            $(slots { $($(#[$lm:meta])* $slot:ident ( $($larg:tt)* ))* })?
+            $(hooks { $($hook:ident)* })?
+        }
+    ) => {
+        $crate::__object! {
+            @class [pub] [$name] [$name $(<$($ga),*>)?] $g $w []
+            [$($($signal ( $($sarg)* ))*)?] [$($($slot ( $($larg)* ))*)?] [$($($hook)*)?]
+        }
+    };
+
+    (@class [$vis:vis] [$name:ident] [$self:ty] $g:tt $w:tt $base:tt
         $signals:tt [$($slot:ident ( $($larg:tt)* ))*] $hooks:tt
     ) => {
         const _: () = {
-            $($crate::__slot! { [$name] [$self] $g $w $slot ( $($larg)* ) })*
-            $crate::__object! { @items [$name] [$self] $g $w $base $signals [$($slot)*] $hooks }
+            $($crate::__slot! { [$name] [$self] $g $w $slot [$($larg)*] ( $($larg)* ) })*
+            $crate::__object! { @items [$vis] [$name] [$self] $g $w $base $signals [$($slot)*] $hooks }
         };
     };
 
-    (@items [$name:ident] [$self:ty] [$($g:ident),*] [$($w:tt)*] [$($base:tt)*]
+    (@items [$vis:vis] [$name:ident] [$self:ty] [$($g:ident),*] [$($w:tt)*] [$($base:tt)*]
         [$($signal:ident ( $($sarg:tt)* ))*] [$($slot:ident)*] [$($hook:ident)*]
     ) => {
             const fn __uid(member: &str) -> u64 {
@@ -94,13 +108,13 @@ macro_rules! __object {
             const _: () = $crate::macro_support::assert_distinct(&[$(__uid(stringify!($slot))),*]);
 
             #[allow(dead_code)]
-            pub struct __Signals<P: $crate::object::Place, $($g),*> where $($w)* {
+            $vis struct __Signals<P: $crate::object::Place, $($g),*> where $($w)* {
                 place: P,
                 base: $crate::__object!(@base_signals P [$($base)*]),
                 own: ::core::marker::PhantomData<fn() -> ($($g,)*)>,
             }
             #[allow(dead_code)]
-            pub struct __Slots<P: $crate::object::Place, $($g),*> where $($w)* {
+            $vis struct __Slots<P: $crate::object::Place, $($g),*> where $($w)* {
                 place: P,
                 base: $crate::__object!(@base_slots P [$($base)*]),
                 own: ::core::marker::PhantomData<fn() -> ($($g,)*)>,
@@ -292,16 +306,16 @@ macro_rules! __owned_tuple {
 #[doc(hidden)]
 #[macro_export]
 macro_rules! __slot {
-    ([$name:ident] $self:tt $g:tt $w:tt $slot:ident ()) => {
-        $crate::__slot! { @tag [$name] $self $g $w $slot [] [()] [bind_exact] [] 0usize }
+    ([$name:ident] $self:tt $g:tt $w:tt $slot:ident $shown:tt ()) => {
+        $crate::__slot! { @tag [$name] $self $g $w $slot $shown [()] [bind_exact] [] 0usize }
         $crate::__slot! { @invoke $self $g $w $slot [()] (args) [] }
     };
-    ([$name:ident] $self:tt $g:tt $w:tt $slot:ident (& $l:lifetime $t:ty $(,)?)) => {
-        $crate::__slot! { @value [$name] $self $g $w $slot [& $l $t] [& $l $t] [bind_exact] [] }
+    ([$name:ident] $self:tt $g:tt $w:tt $slot:ident $shown:tt (& $l:lifetime $t:ty $(,)?)) => {
+        $crate::__slot! { @value [$name] $self $g $w $slot $shown [& $l $t] [bind_exact] [] }
     };
-    ([$name:ident] $self:tt [$($g:ident),*] [$($w:tt)*] $slot:ident (& $t:ty $(,)?)) => {
+    ([$name:ident] $self:tt [$($g:ident),*] [$($w:tt)*] $slot:ident $shown:tt (& $t:ty $(,)?)) => {
         $crate::__slot! {
-            @tag [$name] $self [$($g),*] [$($w)*] $slot [& $t] [<$t as ::std::borrow::ToOwned>::Owned]
+            @tag [$name] $self [$($g),*] [$($w)*] $slot $shown [<$t as ::std::borrow::ToOwned>::Owned]
             [bind_ref] [$t,] 1usize
         }
         $crate::__slot! {
@@ -309,17 +323,17 @@ macro_rules! __slot {
             [::core::borrow::Borrow::<$t>::borrow(args)]
         }
     };
-    ([$name:ident] $self:tt $g:tt $w:tt $slot:ident (String $(,)?)) => {
-        $crate::__slot! { @value [$name] $self $g $w $slot [String] [String] [bind_str] [] }
+    ([$name:ident] $self:tt $g:tt $w:tt $slot:ident $shown:tt (String $(,)?)) => {
+        $crate::__slot! { @value [$name] $self $g $w $slot $shown [String] [bind_str] [] }
     };
-    ([$name:ident] $self:tt $g:tt $w:tt $slot:ident (Vec<$t:ty> $(,)?)) => {
-        $crate::__slot! { @value [$name] $self $g $w $slot [Vec<$t>] [Vec<$t>] [bind_slice] [$t,] }
+    ([$name:ident] $self:tt $g:tt $w:tt $slot:ident $shown:tt (Vec<$t:ty> $(,)?)) => {
+        $crate::__slot! { @value [$name] $self $g $w $slot $shown [Vec<$t>] [bind_slice] [$t,] }
     };
-    ([$name:ident] $self:tt $g:tt $w:tt $slot:ident ($t:ty $(,)?)) => {
-        $crate::__slot! { @value [$name] $self $g $w $slot [$t] [$t] [bind_exact] [] }
+    ([$name:ident] $self:tt $g:tt $w:tt $slot:ident $shown:tt ($t:ty $(,)?)) => {
+        $crate::__slot! { @value [$name] $self $g $w $slot $shown [$t] [bind_exact] [] }
     };
-    ([$name:ident] $self:tt $g:tt $w:tt $slot:ident ($($many:tt)+)) => {
-        $crate::__slot! { @many [$name] $self $g $w $slot [$($many)+] [] $($many)+ , }
+    ([$name:ident] $self:tt $g:tt $w:tt $slot:ident $shown:tt ($($many:tt)+)) => {
+        $crate::__slot! { @many [$name] $self $g $w $slot $shown [] $($many)+ , }
     };
 
     // Several arguments: each is named, with its owned type and how the method wants it.
@@ -386,6 +400,8 @@ macro_rules! __slot {
         }
     };
     (@generic [$self:ty] [$($g:ident),*] [$($w:tt)*] $slot:ident [$($bound:tt)*] $args:ident [$pass:expr]) => {
+        // So that an error names the slot and the signal's type and not a bound of this implementation.
+        #[diagnostic::do_not_recommend]
         impl<__A: ?Sized + $($bound)*, $($g),*> $crate::macro_support::SlotFor<__A> for $slot<$self>
         where $($w)*
         {

@@ -53,6 +53,7 @@ impl<A: FromVariant + Clone + 'static> Convertible for &Described<A> {
             return Err(format!("{count} arguments are due and {} came", args.len()));
         }
         let converted = match args {
+            [] => A::from_variant(&SkVariant::Null),
             [one] => A::from_variant(one),
             many => A::from_variant(&SkVariant::List(many.to_vec().into())),
         };

@@ -9,7 +9,7 @@ use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
 use std::rc::Rc;
 
-/// A link's own queue gives its room back when it runs empty above this capacity.
+/// A link's own queue keeps room for this many calls, and for what it lately needed.
 const QUEUE_KEPT_MAX: usize = 64;
 
 pub(crate) struct Link<A: ?Sized + ToOwned> {
@@ -47,11 +47,13 @@ pub(crate) struct Kept<A: ?Sized + ToOwned> {
     pub spent: Cell<bool>,
     /// Arguments of the calls that wait, oldest first: a queued call needs no box of its own.
     waiting: RefCell<VecDeque<A::Owned>>,
+    /// How many waited at most since the queue last ran empty.
+    most: Cell<usize>,
 }
 
 impl<A: ?Sized + ToOwned + 'static> Kept<A> {
     pub(crate) fn new(call: Rc<dyn Call<A>>, mode: Mode) -> Rc<Kept<A>> {
-        Rc::new(Kept { call, mode, spent: Cell::new(false), waiting: RefCell::new(VecDeque::new()) })
+        Rc::new(Kept { call, mode, spent: Cell::new(false), waiting: RefCell::default(), most: Cell::new(0) })
     }
 
     fn emit(self: &Rc<Self>, cx: &mut Cx, args: &A) {
@@ -80,10 +82,14 @@ impl<A: ?Sized + ToOwned + 'static> Kept<A> {
     fn queue(self: &Rc<Self>, cx: &mut Cx, args: &A) {
         if self.call.header().has(MARKED) {
             cx.counters.gone += 1;
+            cx.note_dead_link();
             return;
         }
         if cx.queue_has_room() {
-            self.waiting.borrow_mut().push_back(args.to_owned());
+            let mut waiting = self.waiting.borrow_mut();
+            waiting.push_back(args.to_owned());
+            self.most.set(self.most.get().max(waiting.len()));
+            drop(waiting);
             cx.queue_link(self.clone());
         }
     }
@@ -132,7 +138,7 @@ impl<A: ?Sized + ToOwned + 'static> Link<A> {
         match &self.kind {
             Kind::Direct(call) => put_off(call, cx, args),
             Kind::Kept(kept) if kept.mode.delivery == Delivery::Direct => {
-                if !(kept.mode.once && kept.spent.replace(true)) {
+                if !kept.spent.replace(true) {
                     cx.note_spent_link();
                     put_off(&kept.call, cx, args);
                 }
@@ -185,8 +191,12 @@ impl<A: ?Sized + ToOwned + 'static> QueuedCall for Kept<A> {
     fn run_next(&self, cx: &mut Cx) {
         let mut waiting = self.waiting.borrow_mut();
         let Some(args) = waiting.pop_front() else { return };
-        if waiting.is_empty() && waiting.capacity() > QUEUE_KEPT_MAX {
-            waiting.shrink_to(QUEUE_KEPT_MAX);
+        if waiting.is_empty() {
+            let most = self.most.replace(0);
+            // Not at once: a link that fills its queue every round must not allocate every round.
+            if waiting.capacity() > QUEUE_KEPT_MAX.max(most * 4) {
+                waiting.shrink_to(QUEUE_KEPT_MAX.max(most * 2));
+            }
         }
         drop(waiting);
         run_queued(&*self.call, cx, args.borrow());

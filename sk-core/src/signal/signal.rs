@@ -114,9 +114,12 @@ impl<A: ?Sized + ToOwned + 'static> Links<A> {
     #[cold]
     fn fire_carefully(&self, cx: &mut Cx, args: &A) {
         if cx.is_too_deep() {
+            // Counted as one level all the same, so that a spent link is noted for its own emitter.
+            cx.depth += 1;
             for link in &self.0 {
                 link.emit_flat(cx, args);
             }
+            cx.depth -= 1;
             return;
         }
         cx.depth += 1;
@@ -137,17 +140,20 @@ impl<A: ?Sized + ToOwned + 'static> Links<A> {
     pub(crate) fn fire_guarded(&self, cx: &mut Cx, args: &A) {
         let mut left = self.0.len();
         cx.depth = 1;
+        let timing = cx.timing.on;
         for link in &self.0 {
             left -= 1;
             cx.set_left(left);
             cx.guarded(|cx| match &link.kind {
+                Kind::Remote(_) => link.emit_kept(cx, args),
+                _ if timing => cx.timed(|cx| link.emit_kept(cx, args)),
                 Kind::Direct(call) => {
                     let reached = call.call(cx, args, 0);
                     if reached != Reached::Ran {
                         missed(call, cx, args, reached);
                     }
                 }
-                _ => link.emit_kept(cx, args),
+                Kind::Kept(_) => link.emit_kept(cx, args),
             });
         }
         cx.depth = 0;
@@ -175,7 +181,6 @@ pub(crate) enum End {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Attached {
     New,
-    Duplicate,
     /// The slot does not take what the signal carries.
     Mismatch,
 }
@@ -196,6 +201,7 @@ pub struct LinkInfo {
 /// A signal of unknown type.
 #[doc(hidden)]
 pub trait AnySignal {
+    fn has(&self, key: LinkKey) -> bool;
     fn attach(&mut self, order: Order) -> Attached;
     fn detach(&mut self, key: LinkKey) -> bool;
     /// Takes out links that will never call again; answers how many.
@@ -279,14 +285,13 @@ impl<A: ?Sized + ToOwned + 'static> Signal<A> {
 }
 
 impl<A: ?Sized + ToOwned + 'static> AnySignal for Signal<A> {
-    fn attach(&mut self, order: Order) -> Attached {
-        if self
-            .links
+    fn has(&self, key: LinkKey) -> bool {
+        self.links
             .as_ref()
-            .is_some_and(|links| links.0.iter().any(|link| link.key == order.key))
-        {
-            return Attached::Duplicate;
-        }
+            .is_some_and(|links| links.0.iter().any(|link| link.key == key))
+    }
+
+    fn attach(&mut self, order: Order) -> Attached {
         let key = order.key;
         let Some(kind) = Self::kind(order) else { return Attached::Mismatch };
         let links = self.links_mut();

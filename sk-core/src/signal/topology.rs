@@ -232,6 +232,11 @@ impl Cx {
             self.counters.links_refused += 1;
             return;
         };
+        if self.is_linked(&wish) {
+            // Opening a crossing binds it at the far end at once, so a duplicate must be found before.
+            self.count_duplicate(&wish);
+            return;
+        }
         let end = match (here, &wish.target) {
             (Some(id), _) => self.local_end(id, &wish),
             (None, Target::Remote(there)) => self.remote_end(there, &wish),
@@ -257,7 +262,6 @@ impl Cx {
                 self.counters.links_made += 1;
                 self.sources.listened_to(wish.source);
             }
-            Attached::Duplicate => self.count_duplicate(&wish),
             Attached::Mismatch => {
                 self.counters.links_refused += 1;
                 let (signal, slot) = (wish.signal, wish.slot);
@@ -289,22 +293,16 @@ impl Cx {
         Some((End::Local(bound), LinkKey { target, slot: wish.slot.uid }))
     }
 
-    fn remote_end(&mut self, there: &There, wish: &Wish) -> Option<(End, LinkKey)> {
+    fn remote_end(&self, there: &There, wish: &Wish) -> Option<(End, LinkKey)> {
         let crossing = wish.crossing?;
         let key = LinkKey { target: there.id, slot: wish.slot.uid };
-        let known = self.with_signal(wish.source, wish.signal.uid, |signal| {
-            let mut known = false;
-            signal.each_link(&mut |link| known |= link.target == key.target && link.slot.uid == key.slot);
-            known
-        })?;
-        if known {
-            // Opening a crossing binds it at the far end at once, so a duplicate must be found before.
-            self.count_duplicate(wish);
-            self.counters.links_refused = self.counters.links_refused.saturating_sub(1);
-            return None;
-        }
         let back = crate::thread::WayBack { there: self.here(wish.source), signal: wish.signal.uid };
         Some((End::Remote((crossing.open)(there, wish.slot, wish.mode, back)), key))
+    }
+
+    fn is_linked(&self, wish: &Wish) -> bool {
+        let key = LinkKey { target: target_id(&wish.target), slot: wish.slot.uid };
+        self.with_signal(wish.source, wish.signal.uid, |signal| signal.has(key)) == Some(true)
     }
 }
 

@@ -68,6 +68,15 @@ impl SkRingBuffer<u8> {
     }
 }
 
+// Each half may move to the thread that uses it.
+const fn moves_between_threads<T: Send>() {}
+const _: () = {
+    moves_between_threads::<(RingProducer<u8>, RingConsumer<u8>)>();
+    moves_between_threads::<(NewestProducer<u8>, NewestConsumer<u8>)>();
+    moves_between_threads::<(ByteProducer, ByteConsumer)>();
+    moves_between_threads::<(NewestByteProducer, NewestByteConsumer)>();
+};
+
 /// A count that only the producer raises and both halves read.
 #[derive(Clone, Default)]
 struct Lost(Arc<AtomicU64>);

@@ -76,6 +76,9 @@ pub enum SkVariant {
     Map(SkMap),
 }
 
+// Queues and tables hold variants by the thousand, on any thread.
+const fn is_shared_by_threads<T: Send + Sync>() {}
+const _: () = is_shared_by_threads::<SkVariant>();
 const _: () = assert!(size_of::<SkVariant>() <= 24 || size_of::<usize>() != 8);
 
 /// The kind of a variant. Its number is the kind byte of the binary form.

@@ -1,6 +1,6 @@
 //! The binary form. Its layout is normative for the wire:
 //!
-//! A value is one kind byte (the number of its [`Kind`]) and a body. All numbers are little-endian,
+//! A value is one kind byte (the number of its [`Kind`](crate::Kind)) and a body. All numbers are little-endian,
 //! floats are their IEEE 754 bits, and every length and count is a `u32`.
 //!
 //! | kind | body |

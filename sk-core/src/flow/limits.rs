@@ -1,0 +1,81 @@
+//! Every limit of the flow network that is decided here, with its unit in its name.
+
+use std::time::Duration;
+
+/// The newest version of the protocol that this build speaks.
+pub const VERSION: u16 = 1;
+/// The oldest version of the protocol that this build still speaks.
+pub const VERSION_OLDEST: u16 = 1;
+/// The eight bytes that begin the first frame of either side.
+pub const MAGIC: [u8; 8] = *b"SpecialK";
+
+/// The longest frame body before login. Longer ones are refused from their header alone.
+pub const BODY_BYTES_MAX_BEFORE_LOGIN: usize = 512;
+/// The longest payload of one fragment, and what this build proposes.
+pub const FRAGMENT_BYTES_MAX: usize = 64 * 1024;
+/// The smallest fragment size that a peer may propose.
+pub const FRAGMENT_BYTES_MIN: usize = 256;
+/// The longest message, all its fragments together, and what this build proposes.
+pub const MESSAGE_BYTES_MAX: usize = 16 * 1024 * 1024;
+/// The longest string on the wire, in bytes of UTF-8. Channel names have the same limit.
+pub const TEXT_BYTES_MAX: usize = 255;
+/// The longest encoded property map of a channel.
+pub const PROPERTIES_BYTES_MAX: usize = 16 * 1024;
+
+/// How many channels a hub has: identifiers 0 to 32,767.
+pub const CHANNELS_MAX: usize = 32_768;
+/// How many of them only the hub itself may open: the lowest identifiers.
+pub const CHANNELS_RESERVED_FOR_HUB: usize = 1_024;
+/// How many channels one flow may own.
+pub const CHANNELS_PER_FLOW_MAX: usize = 256;
+/// How many subscriptions one flow may hold.
+pub const SUBSCRIPTIONS_PER_FLOW_MAX: usize = 1_024;
+/// How many whole messages a subscription keeps if it does not say otherwise.
+pub const SUBSCRIPTION_DEPTH_DEFAULT: u16 = 64;
+/// How many whole messages a subscription may ask to keep.
+pub const SUBSCRIPTION_DEPTH_MAX: u16 = 1_024;
+
+/// What may wait for one connection, payloads counted in full. Beyond it its messages are dropped.
+pub const CONNECTION_BYTES_MAX: usize = 32 * 1024 * 1024;
+/// What unfinished messages of one connection may hold together.
+pub const UNFINISHED_BYTES_MAX: usize = 32 * 1024 * 1024;
+/// What one fragment or one waiting message is charged beyond its payload.
+pub const ITEM_OVERHEAD_BYTES: usize = 64;
+/// What may wait in a connection's queue of control frames. Beyond it the connection is closed.
+pub const CONTROL_BYTES_MAX: usize = 1024 * 1024;
+/// How much is moved from the queues to the transport's side ahead of the socket. Small, so that drop
+/// policies still reach what waits behind it.
+pub const WIRE_BYTES_AHEAD: usize = 64 * 1024;
+/// Payloads below this size are copied out of the receive buffer, so that a small message that waits
+/// does not keep a large buffer alive.
+pub const SHARED_PAYLOAD_BYTES_MIN: usize = 1024;
+/// The work, in units of the table's cost column, that one connection may cause in one turn.
+pub const TURN_COST_MAX: u32 = 256;
+
+/// How many connections a hub serves at once.
+pub const CONNECTIONS_MAX: usize = 16_384;
+/// How many connections may be open at once without a login.
+pub const UNAUTHENTICATED_MAX: usize = 1_024;
+/// The time from the opening of a connection to its login, all of it.
+pub const LOGIN_TIME_MAX: Duration = Duration::from_secs(2);
+/// A side that heard nothing for this long asks with a ping.
+pub const PING_AFTER: Duration = Duration::from_secs(2);
+/// A side that heard nothing for this long gives the other up.
+pub const SILENCE_MAX: Duration = Duration::from_secs(6);
+/// The time that a frame once begun may take to arrive.
+pub const FRAME_TIME_MAX: Duration = Duration::from_secs(10);
+/// The time that a closing connection has to take its last bytes.
+pub const LINGER_TIME_MAX: Duration = Duration::from_secs(1);
+/// How often deadlines are looked at.
+pub const CHECK_INTERVAL: Duration = Duration::from_millis(250);
+/// How often a subscriber is told about what it lost, at most.
+pub const DROPPED_REPORT_INTERVAL: Duration = Duration::from_secs(1);
+/// How many lines a second the log gets about misbehaving peers; the rest is counted.
+pub const LOG_LINES_PER_SECOND_MAX: u32 = 10;
+
+const _: () = {
+    assert!(FRAGMENT_BYTES_MIN <= FRAGMENT_BYTES_MAX && FRAGMENT_BYTES_MAX <= MESSAGE_BYTES_MAX);
+    assert!(MESSAGE_BYTES_MAX <= UNFINISHED_BYTES_MAX && MESSAGE_BYTES_MAX <= CONNECTION_BYTES_MAX);
+    assert!(CHANNELS_MAX == i16::MAX as usize + 1 && CHANNELS_RESERVED_FOR_HUB < CHANNELS_MAX);
+    assert!(PROPERTIES_BYTES_MAX < CONTROL_BYTES_MAX && VERSION_OLDEST <= VERSION);
+};

@@ -1,0 +1,44 @@
+//! The FlowProtocol: how satellites and their hub talk, without sockets, clocks or other I/O.
+//!
+//! The layers, each of which knows only those before it:
+//!
+//! - bytes → [`frame`]: header, the check for a whole frame, the buffer bytes gather in;
+//! - frame → [`table`]: every command and event with its states, right, layout and cost, once;
+//! - command → [`state`], [`login`], [`fragment`], [`channel`], [`delivery`]: the parts of a connection and
+//!   of a hub;
+//! - effect → [`server`] and [`satellite`]: the two sides. Bytes and instants go in, frames and events come
+//!   out; somebody else has the sockets.
+//!
+//! `docs/flow-protocol.md` is the normative description for people who write another client.
+
+pub mod channel;
+pub mod codec;
+pub mod definition;
+pub mod delivery;
+pub mod error;
+pub mod fragment;
+pub mod frame;
+pub mod limits;
+pub mod login;
+mod message;
+mod properties;
+pub mod satellite;
+pub mod server;
+mod sk_flow_sat;
+mod sk_flow_server;
+pub mod state;
+pub mod table;
+pub mod transport;
+pub mod wire;
+
+pub use codec::ChannelRef;
+pub use definition::{Definition, Direction, Encoded, Field, Message, Right, Rights, States, Tagged};
+pub use error::{ClosingReason, ProtocolError, RefusalCode};
+pub use frame::{Flags, Header};
+pub use message::{Flow, FlowMessage};
+pub use properties::Properties;
+pub use sk_flow_sat::SkFlowSat;
+pub use sk_flow_server::SkFlowServer;
+pub use state::{Inbound, State};
+pub use table::{Command, Event};
+pub use transport::{AddressError, HubAddress, PipeSeed};

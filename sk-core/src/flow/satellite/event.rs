@@ -1,0 +1,133 @@
+//! What a satellite learns from its hub.
+
+use super::super::delivery::DropReason;
+use super::super::{ChannelRef, Properties};
+use bytes::Bytes;
+use thiserror::Error;
+
+/// What a satellite knows of a channel.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ChannelInfo {
+    /// Identifier and epoch.
+    pub channel: ChannelRef,
+    /// The hashID.
+    pub hash: u64,
+    /// The connection that owns it; 0 is the hub.
+    pub owner: u64,
+    /// The full name, `user.name`.
+    pub name: String,
+    /// What its owner says about it.
+    pub properties: Properties,
+}
+
+/// An event of a satellite.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum SatelliteEvent {
+    /// The login succeeded, and the hub proved the token where there is one.
+    LoggedIn {
+        /// The account.
+        user: String,
+        /// The id of this connection.
+        connection: u64,
+    },
+    /// Commands may be given now. A flow knows all channels at this point.
+    Ready,
+    /// A channel of this satellite's own exists now.
+    Created {
+        /// What was asked.
+        tag: u32,
+        /// The reference to publish with.
+        channel: ChannelRef,
+        /// Its full name.
+        name: String,
+    },
+    /// A channel exists; comes for one's own channels too.
+    ChannelAdded(ChannelInfo),
+    /// A channel is gone, and with it every subscription to it.
+    ChannelRemoved(ChannelInfo),
+    /// Somebody listens to a channel of one's own.
+    StartPublishing(ChannelRef),
+    /// Nobody listens any more to a channel of one's own.
+    StopPublishing(ChannelRef),
+    /// A subscription is in force.
+    Subscribed(ChannelRef),
+    /// A subscription has ended because it was asked for.
+    Unsubscribed(ChannelRef),
+    /// A message.
+    Message {
+        /// Of which channel; its name is [`SatelliteCore::channel_of`](super::SatelliteCore::channel_of).
+        channel: ChannelRef,
+        /// Its bytes, shared with the receive buffer if it came in one fragment.
+        payload: Bytes,
+    },
+    /// Messages of a subscription did not come.
+    Dropped {
+        /// Of which channel.
+        channel: ChannelRef,
+        /// Why; `None` if this build does not know the reason.
+        reason: Option<DropReason>,
+        /// How many for this reason since the subscription began.
+        total: u64,
+    },
+    /// The answer to `list`.
+    Listed {
+        /// What was asked.
+        tag: u32,
+        /// All channels by identifier.
+        channels: Vec<ChannelInfo>,
+    },
+    /// The hub refused a command.
+    Refused {
+        /// What was asked.
+        tag: u32,
+        /// Why, as a number of [`RefusalCode`](super::super::RefusalCode).
+        code: u16,
+        /// The same for people, as the hub says it.
+        text: String,
+    },
+    /// The hub answered a ping.
+    Pong {
+        /// What was asked.
+        tag: u32,
+    },
+    /// The hub ends the connection.
+    Closing {
+        /// Why, as a number of [`ClosingReason`](super::super::ClosingReason).
+        reason: u16,
+        /// The same for people, as the hub says it.
+        text: String,
+    },
+}
+
+/// Why a satellite cannot do what it was asked, found without asking the hub.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum SatelliteError {
+    /// The connection is not ready, or is not of the kind that has this command.
+    #[error("`{0}` is not possible in the state of this connection")]
+    State(&'static str),
+    /// The name is none.
+    #[error("not a channel's name: {0}")]
+    Name(#[from] sk_flat::NameError),
+    /// The properties cannot be sent.
+    #[error("properties that cannot be sent: {0}")]
+    Properties(#[from] sk_flat::VariantError),
+    /// The channel is not one's own, or is gone.
+    #[error("channel {0} is not this satellite's, or is gone")]
+    NotOwn(ChannelRef),
+    /// Too much waits to be sent.
+    #[error("too many bytes wait to be sent")]
+    Full,
+    /// The message is longer than was agreed with the hub.
+    #[error("a message of {length} bytes, at most {max} were agreed")]
+    TooLong {
+        /// Its length.
+        length: usize,
+        /// The agreed limit.
+        max: usize,
+    },
+    /// Nothing was heard from the hub for too long.
+    #[error("the hub has been silent for too long")]
+    Silent,
+}

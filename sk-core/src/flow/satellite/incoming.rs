@@ -1,0 +1,196 @@
+//! What each event of the hub does to a satellite.
+
+use super::super::delivery::DropReason;
+use super::super::error::ProtocolError;
+use super::super::fragment::{Gathered, Pieces};
+use super::super::limits::{FRAGMENT_BYTES_MIN, MAGIC, VERSION, VERSION_OLDEST};
+use super::super::{ChannelRef, Command, Event, Flags, Tagged};
+use super::{ChannelInfo, Credentials, Own, SatelliteCore, SatelliteEvent};
+use bytes::{Bytes, BytesMut};
+use sk_flat::Name;
+
+impl SatelliteCore {
+    pub(super) fn on_event(&mut self, tagged: Tagged<Event>) -> Result<(), ProtocolError> {
+        let Tagged { tag, flags, message } = tagged;
+        match message {
+            Event::Welcome { magic, version, fragment_bytes, message_bytes, nonce } => {
+                self.welcomed(magic, version, fragment_bytes, message_bytes)?;
+                self.hub_nonce = nonce;
+                self.log_in();
+            }
+            Event::LoggedIn { connection, user, proof } => self.logged_in(connection, user, &proof)?,
+            Event::Ping {} => {
+                self.outbox.command(&Command::Pong {}, tag);
+            }
+            Event::Pong {} => self.events.push_back(SatelliteEvent::Pong { tag }),
+            Event::FlowBegun { .. } => {
+                self.inbound.advance();
+                self.events.push_back(SatelliteEvent::Ready);
+            }
+            Event::ChannelListed { channel, hash, owner, name, properties } => {
+                self.listed.push(ChannelInfo { channel, hash, owner, name, properties });
+            }
+            Event::ListEnd { .. } => {
+                let channels = std::mem::take(&mut self.listed);
+                self.events.push_back(SatelliteEvent::Listed { tag, channels });
+            }
+            Event::ChannelAdded { channel, hash, owner, name, properties } => {
+                self.added(tag, ChannelInfo { channel, hash, owner, name, properties });
+            }
+            Event::ChannelRemoved { channel } => self.removed(channel),
+            Event::StartPublishing { channel } => self.listened(channel, true),
+            Event::StopPublishing { channel } => self.listened(channel, false),
+            Event::Data { channel, message, payload } => self.data(channel, message, flags, payload)?,
+            Event::Dropped { channel, reason, total } => {
+                let reason = DropReason::from_wire(reason);
+                self.events.push_back(SatelliteEvent::Dropped { channel, reason, total });
+            }
+            Event::Subscribed { channel } => self.events.push_back(SatelliteEvent::Subscribed(channel)),
+            Event::Unsubscribed { channel } => {
+                self.gathering.forget(channel);
+                self.events.push_back(SatelliteEvent::Unsubscribed(channel));
+            }
+            Event::Refused { code, text } => {
+                self.creating.remove(&tag);
+                self.events.push_back(SatelliteEvent::Refused { tag, code, text });
+            }
+            Event::Closing { reason, text } => {
+                self.closing = true;
+                self.events.push_back(SatelliteEvent::Closing { reason, text });
+            }
+        }
+        Ok(())
+    }
+
+    fn welcomed(
+        &mut self,
+        magic: [u8; 8],
+        version: u16,
+        fragment: u32,
+        message: u32,
+    ) -> Result<(), ProtocolError> {
+        let bad =
+            |field, value: u32| Err(ProtocolError::BadValue { kind: "welcome", field, value: value.into() });
+        if magic != MAGIC {
+            return Err(ProtocolError::NotFlow);
+        }
+        if !(VERSION_OLDEST..=VERSION).contains(&version) {
+            return bad("version", version.into());
+        }
+        if (fragment as usize) < FRAGMENT_BYTES_MIN || fragment as usize > self.inbound.fragment_bytes_max() {
+            return bad("fragment_bytes", fragment);
+        }
+        if message < fragment || message as usize > self.inbound.message_bytes_max() {
+            return bad("message_bytes", message);
+        }
+        self.inbound.agree(fragment, message);
+        self.outbox.fragment_bytes_max = fragment as usize;
+        self.inbound.advance();
+        Ok(())
+    }
+
+    fn log_in(&mut self) {
+        let command = match &self.credentials {
+            Credentials::Token(token) => {
+                Command::LoginToken { proof: token.client_proof(&self.nonce, &self.hub_nonce) }
+            }
+            Credentials::Peer => Command::LoginPeer {},
+        };
+        self.send(&command);
+    }
+
+    fn logged_in(&mut self, connection: u64, user: String, proof: &[u8; 32]) -> Result<(), ProtocolError> {
+        if let Credentials::Token(token) = &self.credentials
+            && !token.hub_is_true(&self.nonce, &self.hub_nonce, proof)
+        {
+            return Err(ProtocolError::FalseHub);
+        }
+        let bad = |_| ProtocolError::BadValue { kind: "logged_in", field: "user", value: user.len() as u64 };
+        self.user = Some(Name::new(&user).map_err(bad)?);
+        self.connection = connection;
+        self.inbound.advance();
+        self.events.push_back(SatelliteEvent::LoggedIn { user, connection });
+        if self.wants_flow {
+            self.send(&Command::SetAsync {});
+        } else {
+            self.events.push_back(SatelliteEvent::Ready);
+        }
+        Ok(())
+    }
+
+    fn added(&mut self, tag: u32, info: ChannelInfo) {
+        let channel = info.channel;
+        self.names.insert(info.name.clone(), channel);
+        self.channels.insert(channel, info.clone());
+        let created = self.creating.remove(&tag).is_some() && info.owner == self.connection;
+        let name = info.name.clone();
+        if let Some(depth) = self.wanted.get(&name) {
+            let command = Command::Subscribe { channel, depth: *depth };
+            self.send(&command);
+        }
+        self.events.push_back(SatelliteEvent::ChannelAdded(info));
+        if created {
+            self.own.insert(channel, Own { listened: false, next_message: 0 });
+            self.events.push_back(SatelliteEvent::Created { tag, channel, name });
+        }
+    }
+
+    fn removed(&mut self, channel: ChannelRef) {
+        self.own.remove(&channel);
+        self.lost += self.outbox.forget(channel) as u64;
+        self.gathering.forget(channel);
+        if let Some(info) = self.channels.remove(&channel) {
+            if self.names.get(&info.name) == Some(&channel) {
+                self.names.remove(&info.name);
+            }
+            self.events.push_back(SatelliteEvent::ChannelRemoved(info));
+        }
+    }
+
+    fn listened(&mut self, channel: ChannelRef, listened: bool) {
+        let Some(own) = self.own.get_mut(&channel) else { return };
+        own.listened = listened;
+        if listened {
+            self.events.push_back(SatelliteEvent::StartPublishing(channel));
+        } else {
+            self.lost += self.outbox.stop(channel) as u64;
+            self.events.push_back(SatelliteEvent::StopPublishing(channel));
+        }
+    }
+
+    fn data(
+        &mut self,
+        channel: ChannelRef,
+        message: u32,
+        flags: Flags,
+        payload: Bytes,
+    ) -> Result<(), ProtocolError> {
+        let max = self.inbound.message_bytes_max();
+        match self.gathering.take(channel, message, flags, payload, max)? {
+            Gathered::More | Gathered::Ignored | Gathered::Aborted => {}
+            Gathered::Overfull => self.lost += 1,
+            Gathered::Whole(pieces) => {
+                // What was on its way when the subscription was given up is of no interest any more.
+                let wanted = self
+                    .channels
+                    .get(&channel)
+                    .is_some_and(|info| self.wanted.contains_key(&info.name));
+                if wanted {
+                    self.events
+                        .push_back(SatelliteEvent::Message { channel, payload: joined(pieces) });
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The whole message; the one piece of most messages is handed on as it is.
+fn joined(mut pieces: Pieces) -> Bytes {
+    if pieces.len() == 1 {
+        return std::mem::take(&mut pieces[0]);
+    }
+    let mut whole = BytesMut::with_capacity(pieces.iter().map(Bytes::len).sum());
+    pieces.iter().for_each(|piece| whole.extend_from_slice(piece));
+    whole.freeze()
+}

@@ -1,0 +1,351 @@
+//! A satellite's side of the protocol without its socket.
+//!
+//! Received bytes and the present go in with [`SatelliteCore::receive`]; typed events come out of
+//! [`SatelliteCore::next_event`]; what is to be sent lies in [`SatelliteCore::slices`]. Names are mapped to
+//! references here: a subscription by name waits until the channel exists, and comes into force again when
+//! a channel of that name is opened anew.
+
+mod event;
+mod incoming;
+mod sending;
+#[cfg(test)]
+mod tests;
+
+pub use event::{ChannelInfo, SatelliteError, SatelliteEvent};
+
+use super::definition::Encoded;
+use super::error::ProtocolError;
+use super::fragment::Gathering;
+use super::limits::{FRAGMENT_BYTES_MAX, MAGIC, MESSAGE_BYTES_MAX};
+use super::limits::{
+    LOGIN_TIME_MAX, PING_AFTER, SILENCE_MAX, SUBSCRIPTION_DEPTH_MAX, VERSION, VERSION_OLDEST,
+};
+use super::login::{Nonce, OwnerToken};
+use super::{ChannelRef, Command, Event, Inbound, Properties, State};
+use bytes::Bytes;
+use rustc_hash::FxHashMap;
+use sending::Outbox;
+use sk_flat::{Instant, Name, SkVariant};
+use std::collections::{BTreeMap, VecDeque};
+use std::io::IoSlice;
+
+/// How a satellite logs in.
+#[derive(Clone, Debug)]
+pub enum Credentials {
+    /// By the owner's token; the hub must prove that it knows it too.
+    Token(OwnerToken),
+    /// By the user id of this process, over a Unix socket or from inside the hub.
+    Peer,
+}
+
+/// A channel of the satellite's own.
+#[derive(Debug)]
+struct Own {
+    listened: bool,
+    next_message: u32,
+}
+
+/// A connection to a hub without its socket; see the example of
+/// [`ServerCore`](super::server::ServerCore).
+#[derive(Debug)]
+pub struct SatelliteCore {
+    inbound: Inbound<Event>,
+    outbox: Outbox,
+    credentials: Credentials,
+    wants_flow: bool,
+    nonce: Nonce,
+    hub_nonce: Nonce,
+    user: Option<Name>,
+    connection: u64,
+    /// All channels, for a flow.
+    channels: FxHashMap<ChannelRef, ChannelInfo>,
+    names: BTreeMap<String, ChannelRef>,
+    own: FxHashMap<ChannelRef, Own>,
+    /// Names that the user wants to hear, with the depth.
+    wanted: BTreeMap<String, u16>,
+    /// Names whose creation was asked, by tag.
+    creating: BTreeMap<u32, String>,
+    gathering: Gathering,
+    listed: Vec<ChannelInfo>,
+    events: VecDeque<SatelliteEvent>,
+    next_tag: u32,
+    lost: u64,
+    closing: bool,
+    opened: Instant,
+    heard: Instant,
+    pinged: Instant,
+}
+
+impl SatelliteCore {
+    /// A connection that becomes a flow as soon as it has logged in. `nonce` are 32 bytes from the world's
+    /// `Rng`, new for each connection.
+    pub fn flow(credentials: Credentials, nonce: Nonce, now: Instant) -> SatelliteCore {
+        SatelliteCore::begin(credentials, nonce, true, now)
+    }
+
+    /// A connection that stays synchronous: for a list, and then to be closed.
+    pub fn synchronous(credentials: Credentials, nonce: Nonce, now: Instant) -> SatelliteCore {
+        SatelliteCore::begin(credentials, nonce, false, now)
+    }
+
+    fn begin(credentials: Credentials, nonce: Nonce, wants_flow: bool, now: Instant) -> SatelliteCore {
+        let mut core = SatelliteCore {
+            inbound: Inbound::new(),
+            outbox: Outbox::default(),
+            credentials,
+            wants_flow,
+            nonce,
+            hub_nonce: [0; 32],
+            user: None,
+            connection: 0,
+            channels: FxHashMap::default(),
+            names: BTreeMap::new(),
+            own: FxHashMap::default(),
+            wanted: BTreeMap::new(),
+            creating: BTreeMap::new(),
+            gathering: Gathering::default(),
+            listed: Vec::new(),
+            events: VecDeque::new(),
+            next_tag: 0,
+            lost: 0,
+            closing: false,
+            opened: now,
+            heard: now,
+            pinged: now,
+        };
+        core.send(&Command::Hello {
+            magic: MAGIC,
+            version: VERSION,
+            version_oldest: VERSION_OLDEST,
+            fragment_bytes: FRAGMENT_BYTES_MAX as u32,
+            message_bytes: MESSAGE_BYTES_MAX as u32,
+            nonce,
+        });
+        core
+    }
+
+    /// Takes received bytes; what they say comes out of [`next_event`](SatelliteCore::next_event).
+    ///
+    /// # Errors
+    /// What no honest hub sends; the connection is then to be closed.
+    pub fn receive(&mut self, bytes: &[u8], now: Instant) -> Result<(), ProtocolError> {
+        self.heard = now;
+        self.inbound.feed(bytes);
+        while let Some(event) = self.inbound.next()? {
+            self.on_event(event)?;
+        }
+        Ok(())
+    }
+
+    /// Takes a frame from a hub in the same process; the payload is not copied.
+    ///
+    /// # Errors
+    /// As [`receive`](SatelliteCore::receive).
+    pub fn accept(&mut self, frame: Encoded, now: Instant) -> Result<(), ProtocolError> {
+        self.heard = now;
+        let event = self.inbound.accept(frame)?;
+        self.on_event(event)
+    }
+
+    /// The next event.
+    pub fn next_event(&mut self) -> Option<SatelliteEvent> {
+        self.events.pop_front()
+    }
+
+    /// Whether commands may be given.
+    pub fn is_ready(&self) -> bool {
+        !self.closing
+            && self.inbound.state() == if self.wants_flow { State::Flow } else { State::Synchronous }
+    }
+
+    /// The account, after the login.
+    pub fn user(&self) -> Option<&Name> {
+        self.user.as_ref()
+    }
+
+    /// The channel of a full name, for a flow.
+    pub fn channel(&self, name: &str) -> Option<&ChannelInfo> {
+        self.channels.get(self.names.get(name)?)
+    }
+
+    /// The channel of a reference, for a flow.
+    pub fn channel_of(&self, channel: ChannelRef) -> Option<&ChannelInfo> {
+        self.channels.get(&channel)
+    }
+
+    /// All channels by name, for a flow.
+    pub fn channels(&self) -> impl Iterator<Item = &ChannelInfo> {
+        self.names.values().filter_map(|channel| self.channels.get(channel))
+    }
+
+    /// Whether somebody listens to a channel of one's own.
+    pub fn is_listened(&self, channel: ChannelRef) -> bool {
+        self.own.get(&channel).is_some_and(|own| own.listened)
+    }
+
+    /// How many messages were not sent because nobody listened any more, or not received because too many
+    /// were unfinished at once.
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    /// Asks for a streaming channel; `Created` or `Refused` with the tag answers.
+    ///
+    /// # Errors
+    /// If the name or the properties cannot be, or the connection is no ready flow.
+    pub fn create(&mut self, name: &str, properties: &SkVariant) -> Result<u32, SatelliteError> {
+        let Some(user) = self.user.as_ref().filter(|_| self.is_flow()) else {
+            return Err(SatelliteError::State("create_stream"));
+        };
+        let full = Name::compose(user, &Name::new(name)?)?;
+        let properties = Properties::new(properties)?;
+        let tag = self.command(&Command::CreateStream { name: name.to_owned(), properties })?;
+        self.creating.insert(tag, full.to_string());
+        Ok(tag)
+    }
+
+    /// Asks for the end of a channel; `ChannelRemoved` or `Refused` answers.
+    ///
+    /// # Errors
+    /// If the connection is no ready flow, or too much waits.
+    pub fn remove(&mut self, channel: ChannelRef) -> Result<u32, SatelliteError> {
+        self.need_flow("remove_channel")?;
+        self.command(&Command::RemoveChannel { channel })
+    }
+
+    /// Publishes a message. Answers `false`, having sent nothing, while nobody listens.
+    ///
+    /// # Errors
+    /// If the channel is not one's own, the message is too long, or too much waits: then nothing is sent.
+    pub fn publish(&mut self, channel: ChannelRef, payload: Bytes) -> Result<bool, SatelliteError> {
+        let max = self.inbound.message_bytes_max();
+        let own = self.own.get_mut(&channel).ok_or(SatelliteError::NotOwn(channel))?;
+        if payload.len() > max {
+            return Err(SatelliteError::TooLong { length: payload.len(), max });
+        }
+        if !own.listened {
+            return Ok(false);
+        }
+        if !self.outbox.publish(channel, own.next_message, payload) {
+            return Err(SatelliteError::Full);
+        }
+        own.next_message = own.next_message.wrapping_add(1);
+        Ok(true)
+    }
+
+    /// Wants to hear the channel of this full name, now or when it will exist; at most `depth` messages
+    /// wait at the hub, 0 for its default.
+    ///
+    /// # Errors
+    /// If the name cannot be, or the connection is no ready flow.
+    pub fn subscribe(&mut self, name: &str, depth: u16) -> Result<(), SatelliteError> {
+        self.need_flow("subscribe")?;
+        Name::new(name)?;
+        let depth = depth.min(SUBSCRIPTION_DEPTH_MAX);
+        if let Some(channel) = self.names.get(name).copied() {
+            self.command(&Command::Subscribe { channel, depth })?;
+        }
+        self.wanted.insert(name.to_owned(), depth);
+        Ok(())
+    }
+
+    /// Wants to hear a channel no more.
+    ///
+    /// # Errors
+    /// If the connection is no ready flow, or too much waits.
+    pub fn unsubscribe(&mut self, name: &str) -> Result<(), SatelliteError> {
+        self.need_flow("unsubscribe")?;
+        let known = self.names.get(name).copied();
+        if let (Some(_), Some(channel)) = (self.wanted.remove(name), known) {
+            self.command(&Command::Unsubscribe { channel })?;
+        }
+        Ok(())
+    }
+
+    /// Asks for a list of all channels; `Listed` with the tag answers.
+    ///
+    /// # Errors
+    /// If the connection is not a ready synchronous one.
+    pub fn list(&mut self) -> Result<u32, SatelliteError> {
+        if self.wants_flow || !self.is_ready() {
+            return Err(SatelliteError::State("list_channels"));
+        }
+        self.command(&Command::ListChannels {})
+    }
+
+    /// Asks whether the hub is there; `Pong` with the tag answers.
+    ///
+    /// # Errors
+    /// If the connection is not ready.
+    pub fn ping(&mut self) -> Result<u32, SatelliteError> {
+        if !self.is_ready() {
+            return Err(SatelliteError::State("ping"));
+        }
+        self.command(&Command::Ping {})
+    }
+
+    /// Looks at the deadlines: pings a silent hub, gives it up in the end.
+    ///
+    /// # Errors
+    /// `Silent`; the connection is then to be closed.
+    pub fn tick(&mut self, now: Instant) -> Result<(), SatelliteError> {
+        let silence = now.since(self.heard);
+        let early = self.inbound.state() < State::Synchronous;
+        if silence >= SILENCE_MAX || early && now.since(self.opened) >= LOGIN_TIME_MAX {
+            return Err(SatelliteError::Silent);
+        }
+        if !early && silence >= PING_AFTER && now.since(self.pinged) >= PING_AFTER {
+            self.pinged = now;
+            self.send(&Command::Ping {});
+        }
+        Ok(())
+    }
+
+    /// Whether something is to be sent.
+    pub fn has_output(&self) -> bool {
+        !self.outbox.is_empty()
+    }
+
+    /// The next bytes for the transport, for one vectored write of at most `slices_max` parts.
+    pub fn slices(&mut self, slices_max: usize) -> Vec<IoSlice<'_>> {
+        self.outbox.fill();
+        self.outbox.wire().slices(slices_max)
+    }
+
+    /// Notes that the transport took the first `count` bytes.
+    pub fn wrote(&mut self, count: usize) {
+        self.outbox.wire().wrote(count, |()| ());
+    }
+
+    /// Takes the next whole frame, for a hub in the same process.
+    pub fn take(&mut self) -> Option<Encoded> {
+        self.outbox.fill();
+        self.outbox.wire().take().map(|(frame, ())| frame)
+    }
+
+    fn is_flow(&self) -> bool {
+        self.wants_flow && self.is_ready()
+    }
+
+    fn need_flow(&self, command: &'static str) -> Result<(), SatelliteError> {
+        if self.is_flow() { Ok(()) } else { Err(SatelliteError::State(command)) }
+    }
+
+    fn tag(&mut self) -> u32 {
+        // 0 means "no answer", so it is passed over.
+        self.next_tag = self.next_tag.wrapping_add(1).max(1);
+        self.next_tag
+    }
+
+    fn command(&mut self, command: &Command) -> Result<u32, SatelliteError> {
+        let tag = self.tag();
+        if self.outbox.command(command, tag) { Ok(tag) } else { Err(SatelliteError::Full) }
+    }
+
+    /// A command of the connection itself: the little queue of the beginning always has room for it.
+    fn send(&mut self, command: &Command) -> u32 {
+        let tag = self.tag();
+        self.outbox.command(command, tag);
+        tag
+    }
+}

@@ -1,0 +1,235 @@
+//! Channels and subscriptions: opening, closing, telling everyone, starting and stopping owners.
+
+use super::super::channel::Owner;
+use super::super::delivery::DropReason;
+use super::super::error::{ProtocolError, RefusalCode};
+use super::super::limits::{
+    CHANNELS_PER_FLOW_MAX, SUBSCRIPTION_DEPTH_DEFAULT, SUBSCRIPTION_DEPTH_MAX, SUBSCRIPTIONS_PER_FLOW_MAX,
+};
+use super::super::{ChannelRef, Encoded, Event, Flags, Message, Properties, Right, State};
+use super::{ConnectionId, Notice, ServerCore, Subscriber, Subscribers, owning_flow};
+use sk_flat::Name;
+
+impl ServerCore {
+    pub(super) fn create_stream(&mut self, id: ConnectionId, tag: u32, name: &str, properties: Properties) {
+        match self.try_create(id, name, properties) {
+            Ok(channel) => {
+                if let Some(connection) = self.connections.get_mut(id) {
+                    connection.owned.push(channel);
+                }
+                self.tell_added(channel, Some((id, tag)));
+            }
+            Err(code) => self.refuse(id, tag, code),
+        }
+    }
+
+    fn try_create(
+        &mut self,
+        id: ConnectionId,
+        name: &str,
+        properties: Properties,
+    ) -> Result<ChannelRef, RefusalCode> {
+        let connection = self.connections.get(id).ok_or(RefusalCode::Denied)?;
+        let user = connection.user.as_ref().ok_or(RefusalCode::Denied)?;
+        let full = Name::new(name)
+            .and_then(|name| Name::compose(user, &name))
+            .map_err(|_| RefusalCode::BadName)?;
+        if connection.owned.len() >= CHANNELS_PER_FLOW_MAX {
+            return Err(RefusalCode::TooManyChannels);
+        }
+        if !properties.is_map() {
+            return Err(RefusalCode::BadProperties);
+        }
+        self.channels
+            .add(full, Owner::Flow(id.wire()), properties, Subscribers::default())
+    }
+
+    /// Opens a channel of the hub's own. It outlives every flow; administrators may remove it.
+    ///
+    /// # Errors
+    /// `Exists`, `NoFreeChannel`, or `BadProperties` if they are not a map.
+    pub fn open_channel(&mut self, name: Name, properties: Properties) -> Result<ChannelRef, RefusalCode> {
+        if !properties.is_map() {
+            return Err(RefusalCode::BadProperties);
+        }
+        let channel = self.channels.add(name, Owner::Hub, properties, Subscribers::default())?;
+        self.tell_added(channel, None);
+        self.settle();
+        Ok(channel)
+    }
+
+    /// Closes any channel by the hub's own will; answers whether it was open.
+    pub fn close_channel(&mut self, channel: ChannelRef) -> bool {
+        let open = self.channels.get(channel).is_some();
+        self.remove_channel(channel, None, DropReason::Gone);
+        self.settle();
+        open
+    }
+
+    pub(super) fn remove_on_request(&mut self, id: ConnectionId, tag: u32, channel: ChannelRef) {
+        let Some((known, _)) = self.channels.get(channel) else {
+            return self.refuse(id, tag, RefusalCode::Gone);
+        };
+        let administers = self
+            .connections
+            .get(id)
+            .is_some_and(|found| found.rights.has(Right::Administer));
+        if known.owner == Owner::Flow(id.wire()) || administers {
+            self.remove_channel(channel, Some((id, tag)), DropReason::Gone);
+        } else {
+            self.refuse(id, tag, RefusalCode::NotOwner);
+        }
+    }
+
+    /// Closes a channel: its subscriptions end, its unfinished message is forgotten, everyone is told.
+    pub(super) fn remove_channel(
+        &mut self,
+        channel: ChannelRef,
+        asked: Option<(ConnectionId, u32)>,
+        reason: DropReason,
+    ) {
+        let Some((known, subscribers)) = self.channels.remove(channel) else { return };
+        for subscriber in subscribers.list {
+            if let Some(connection) = self.connections.get_mut(subscriber.connection)
+                && let Some(counts) = connection.output.unsubscribe(channel, reason)
+            {
+                self.ended.add(&counts);
+            }
+        }
+        if let Some(owner) = owning_flow(&self.connections, known.owner)
+            && let Some(connection) = self.connections.get_mut(owner)
+        {
+            connection.owned.retain(|owned| *owned != channel);
+            connection.gathering.forget(channel);
+        }
+        let event = Event::ChannelRemoved { channel };
+        self.tell_flows(
+            channel,
+            event.encode(0, Flags::NONE),
+            asked.map(|(id, tag)| (id, event.encode(tag, Flags::NONE))),
+        );
+        self.notices.push_back(Notice::ChannelRemoved { channel, name: known.name });
+    }
+
+    fn tell_added(&mut self, channel: ChannelRef, asked: Option<(ConnectionId, u32)>) {
+        let Some((known, _)) = self.channels.get(channel) else { return };
+        let name = known.name.clone();
+        let (frame, answer) = (known.added(0), asked.map(|(id, tag)| (id, known.added(tag))));
+        self.tell_flows(channel, frame, answer);
+        self.notices.push_back(Notice::ChannelAdded { channel, name });
+    }
+
+    /// Sends a frame about a channel to every flow, and to the one that asked its own form with the tag. A
+    /// flow that is still being told what there is hears of channels beyond that point in due course.
+    fn tell_flows(&mut self, channel: ChannelRef, frame: Encoded, answer: Option<(ConnectionId, Encoded)>) {
+        for id in self.connections.ids() {
+            let Some(connection) = self.connections.get(id) else { continue };
+            let flow = connection.inbound.state() == State::Flow && connection.closing.is_none();
+            let told = connection.replay.is_none_or(|replay| replay.next > channel.id as u16);
+            if flow && told {
+                match &answer {
+                    Some((asker, answer)) if *asker == id => self.send(id, answer.clone()),
+                    _ => self.send(id, frame.clone()),
+                }
+            }
+        }
+    }
+
+    /// Adds lines to a list that is being told, and moves frames to the wire.
+    pub(super) fn fill(&mut self, id: ConnectionId) {
+        let Some(connection) = self.connections.get_mut(id) else { return };
+        connection.output.fill();
+        while let Some(replay) = &mut connection.replay
+            && connection.output.has_room_for_list()
+        {
+            let flow = connection.inbound.state() == State::Flow;
+            let frame = match self.channels.from_id(replay.next) {
+                Some((channel, _)) => {
+                    replay.next = channel.reference.id as u16 + 1;
+                    replay.told += 1;
+                    if flow { channel.added(0) } else { channel.listed(replay.tag) }
+                }
+                None => {
+                    let (tag, channels) = (replay.tag, replay.told);
+                    connection.replay = None;
+                    if flow {
+                        self.notices.push_back(Notice::FlowBegun { connection: id });
+                        Event::FlowBegun { channels }.encode(tag, Flags::NONE)
+                    } else {
+                        Event::ListEnd { channels }.encode(tag, Flags::NONE)
+                    }
+                }
+            };
+            // A list pauses long before the limit of the control queue.
+            connection.output.control(frame);
+            connection.output.fill();
+        }
+    }
+
+    pub(super) fn subscribe(
+        &mut self,
+        id: ConnectionId,
+        tag: u32,
+        channel: ChannelRef,
+        depth: u16,
+    ) -> Result<(), ProtocolError> {
+        if depth > SUBSCRIPTION_DEPTH_MAX {
+            return Err(ProtocolError::BadValue { kind: "subscribe", field: "depth", value: depth.into() });
+        }
+        let depth = if depth == 0 { SUBSCRIPTION_DEPTH_DEFAULT } else { depth };
+        let Some((known, subscribers)) = self.channels.get_mut(channel) else {
+            self.refuse(id, tag, RefusalCode::Gone);
+            return Ok(());
+        };
+        let owner = known.owner;
+        let Some(connection) = self.connections.get_mut(id) else { return Ok(()) };
+        let output = &mut connection.output;
+        if !output.is_subscribed(channel) && output.subscriptions() >= SUBSCRIPTIONS_PER_FLOW_MAX {
+            self.refuse(id, tag, RefusalCode::TooManySubscriptions);
+            return Ok(());
+        }
+        let (slot, new) = output.subscribe(channel, usize::from(depth));
+        if new {
+            subscribers.list.push(Subscriber { connection: id, slot });
+        }
+        let first = new && subscribers.list.len() == 1;
+        self.answer(id, tag, &Event::Subscribed { channel });
+        if first {
+            self.tell_owner(channel, owner, true);
+        }
+        Ok(())
+    }
+
+    pub(super) fn unsubscribe(&mut self, id: ConnectionId, tag: u32, channel: ChannelRef) {
+        self.end_subscription(id, channel, DropReason::Gone);
+        self.answer(id, tag, &Event::Unsubscribed { channel });
+    }
+
+    pub(super) fn end_subscription(&mut self, id: ConnectionId, channel: ChannelRef, reason: DropReason) {
+        let Some(connection) = self.connections.get_mut(id) else { return };
+        let Some(counts) = connection.output.unsubscribe(channel, reason) else { return };
+        self.ended.add(&counts);
+        let Some((known, subscribers)) = self.channels.get_mut(channel) else { return };
+        let owner = known.owner;
+        subscribers.list.retain(|subscriber| subscriber.connection != id);
+        if subscribers.list.is_empty() {
+            self.tell_owner(channel, owner, false);
+        }
+    }
+
+    fn tell_owner(&mut self, channel: ChannelRef, owner: Owner, start: bool) {
+        match owner {
+            Owner::Hub if start => self.notices.push_back(Notice::StartPublishing { channel }),
+            Owner::Hub => self.notices.push_back(Notice::StopPublishing { channel }),
+            Owner::Flow(_) => {
+                let Some(owner) = owning_flow(&self.connections, owner) else { return };
+                let event = if start {
+                    Event::StartPublishing { channel }
+                } else {
+                    Event::StopPublishing { channel }
+                };
+                self.answer(owner, 0, &event);
+            }
+        }
+    }
+}

@@ -1,0 +1,219 @@
+//! The connections of a hub: identities that are never reused, and what is known of each.
+
+use super::super::definition::{Encoded, Rights, Tagged};
+use super::super::error::{ClosingReason, ProtocolError};
+use super::super::fragment::Gathering;
+use super::super::login::Nonce;
+use super::super::state::Inbound;
+use super::super::{ChannelRef, Command};
+use super::output::Output;
+use sk_flat::{Instant, Name};
+use std::collections::VecDeque;
+use std::fmt;
+use std::net::IpAddr;
+
+/// Identity of a connection: no two live ones share it, and a former one's finds nobody.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct ConnectionId {
+    generation: u32,
+    index: u32,
+}
+
+impl ConnectionId {
+    /// The number on the wire, never 0.
+    pub const fn wire(self) -> u64 {
+        (self.generation as u64) << 32 | self.index as u64
+    }
+
+    pub(super) const fn from_wire(wire: u64) -> ConnectionId {
+        ConnectionId { generation: (wire >> 32) as u32, index: wire as u32 }
+    }
+}
+
+impl fmt::Display for ConnectionId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}.{}", self.index, self.generation)
+    }
+}
+
+/// Where a connection comes from, as its transport knows it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Origin {
+    /// From this address.
+    Network(IpAddr),
+    /// Over a Unix socket, from a process of this user.
+    Unix {
+        /// The user id that the kernel tells.
+        uid: u32,
+    },
+    /// From inside the hub's own process.
+    Inside {
+        /// What it may do after `login_peer`.
+        rights: Rights,
+    },
+}
+
+impl fmt::Display for Origin {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Origin::Network(address) => write!(f, "{address}"),
+            Origin::Unix { uid } => write!(f, "local user {uid}"),
+            Origin::Inside { .. } => f.write_str("this process"),
+        }
+    }
+}
+
+/// Why a connection ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// The peer or the transport ended it.
+    Left,
+    /// The hub ended it and said why.
+    Closed(ClosingReason),
+    /// The peer sent what no honest one sends.
+    Spurious(ProtocolError),
+}
+
+/// The answer to `list_channels` or `set_async` while it is being given.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Replay {
+    pub(super) tag: u32,
+    /// The lowest identifier that has not been told.
+    pub(super) next: u16,
+    pub(super) told: u32,
+}
+
+/// All that a hub keeps of one connection.
+#[derive(Debug)]
+pub(super) struct Connection {
+    pub(super) origin: Origin,
+    pub(super) inbound: Inbound<Command>,
+    /// Frames from inside the process.
+    pub(super) parts: VecDeque<Encoded>,
+    pub(super) output: Output,
+    pub(super) client_nonce: Nonce,
+    pub(super) hub_nonce: Nonce,
+    pub(super) user: Option<Name>,
+    pub(super) rights: Rights,
+    pub(super) gathering: Gathering,
+    pub(super) owned: Vec<ChannelRef>,
+    pub(super) replay: Option<Replay>,
+    /// Whether it waits for a turn.
+    pub(super) queued: bool,
+    /// Whether it is listed as having something to write.
+    pub(super) dirty: bool,
+    pub(super) opened: Instant,
+    pub(super) heard: Instant,
+    /// When the transport last took something.
+    pub(super) taken: Instant,
+    pub(super) pinged: Instant,
+    pub(super) reported: Instant,
+    pub(super) frame_begun: Option<Instant>,
+    pub(super) closing: Option<(ClosingReason, Instant)>,
+}
+
+impl Connection {
+    pub(super) fn new(origin: Origin, hub_nonce: Nonce, now: Instant) -> Connection {
+        Connection {
+            origin,
+            inbound: Inbound::new(),
+            parts: VecDeque::new(),
+            output: Output::default(),
+            client_nonce: [0; 32],
+            hub_nonce,
+            user: None,
+            rights: Rights::NONE,
+            gathering: Gathering::default(),
+            owned: Vec::new(),
+            replay: None,
+            queued: false,
+            dirty: false,
+            opened: now,
+            heard: now,
+            taken: now,
+            pinged: now,
+            reported: now,
+            frame_begun: None,
+            closing: None,
+        }
+    }
+
+    /// The next command, whether it came as bytes or from inside.
+    pub(super) fn next_command(&mut self) -> Result<Option<Tagged<Command>>, ProtocolError> {
+        match self.inbound.next()? {
+            Some(command) => Ok(Some(command)),
+            None => self.parts.pop_front().map(|frame| self.inbound.accept(frame)).transpose(),
+        }
+    }
+
+    /// Whether commands must wait: the connection ends, a list is being told, or its answers pile up.
+    pub(super) fn is_held(&self) -> bool {
+        self.closing.is_some() || self.replay.is_some() || self.output.answers_pile_up()
+    }
+
+    /// Whether input waits that has not been looked at.
+    pub(super) fn has_input(&self) -> bool {
+        self.inbound.pending() > 0 || !self.parts.is_empty()
+    }
+}
+
+/// All connections of a hub.
+#[derive(Debug, Default)]
+pub(super) struct Connections {
+    slots: Vec<Slot>,
+    free: VecDeque<u32>,
+    live: usize,
+}
+
+#[derive(Debug)]
+struct Slot {
+    generation: u32,
+    connection: Option<Box<Connection>>,
+}
+
+impl Connections {
+    pub(super) fn add(&mut self, connection: Connection) -> ConnectionId {
+        let index = self.free.pop_front().unwrap_or_else(|| {
+            self.slots.push(Slot { generation: 0, connection: None });
+            (self.slots.len() - 1) as u32
+        });
+        let slot = &mut self.slots[index as usize];
+        slot.generation = slot.generation.checked_add(1).unwrap_or(1);
+        slot.connection = Some(Box::new(connection));
+        self.live += 1;
+        ConnectionId { generation: slot.generation, index }
+    }
+
+    pub(super) fn remove(&mut self, id: ConnectionId) -> Option<Box<Connection>> {
+        self.get(id)?;
+        let removed = self.slots[id.index as usize].connection.take();
+        self.free.push_back(id.index);
+        self.live -= 1;
+        removed
+    }
+
+    pub(super) fn get(&self, id: ConnectionId) -> Option<&Connection> {
+        let slot = self.slots.get(id.index as usize)?;
+        slot.connection.as_deref().filter(|_| slot.generation == id.generation)
+    }
+
+    pub(super) fn get_mut(&mut self, id: ConnectionId) -> Option<&mut Connection> {
+        let slot = self.slots.get_mut(id.index as usize)?;
+        slot.connection.as_deref_mut().filter(|_| slot.generation == id.generation)
+    }
+
+    pub(super) fn iter(&self) -> impl Iterator<Item = (ConnectionId, &Connection)> {
+        self.slots.iter().enumerate().filter_map(|(index, slot)| {
+            let id = ConnectionId { generation: slot.generation, index: index as u32 };
+            Some((id, slot.connection.as_deref()?))
+        })
+    }
+
+    pub(super) fn ids(&self) -> Vec<ConnectionId> {
+        self.iter().map(|(id, _)| id).collect()
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.live
+    }
+}

@@ -1,0 +1,96 @@
+//! What the passing of time does: pings, silence, closing, and reports of losses.
+
+use super::super::Event;
+use super::super::error::ClosingReason;
+use super::super::limits::{
+    CHECK_INTERVAL, DROPPED_REPORT_INTERVAL, FRAME_TIME_MAX, LOGIN_TIME_MAX, PING_AFTER, SILENCE_MAX,
+};
+use super::{ConnectionId, Ending, Origin, ServerCore, is_waiting};
+use sk_flat::Instant;
+use std::collections::BTreeMap;
+
+impl ServerCore {
+    /// Looks at the deadlines of all connections, four times a second; the other calls return at once.
+    pub fn tick(&mut self, now: Instant) {
+        self.now = now;
+        if now < self.next_check {
+            return;
+        }
+        self.next_check = now + CHECK_INTERVAL;
+        for id in self.connections.ids() {
+            self.check(id);
+        }
+        self.settle();
+    }
+
+    /// When [`tick`](ServerCore::tick) wants to be called next.
+    pub fn next_deadline(&self) -> Instant {
+        self.next_check
+    }
+
+    fn check(&mut self, id: ConnectionId) {
+        let now = self.now;
+        let Some(connection) = self.connections.get_mut(id) else { return };
+        if let Some((reason, deadline)) = connection.closing {
+            if now >= deadline {
+                self.finish(id, Ending::Closed(reason));
+            }
+            return;
+        }
+        let late_login = connection.user.is_none() && now.since(connection.opened) >= LOGIN_TIME_MAX;
+        let late_frame = connection.frame_begun.is_some_and(|begun| now.since(begun) >= FRAME_TIME_MAX);
+        if connection.is_held() {
+            // Who is not read from shows life by reading.
+            connection.heard = connection.heard.max(connection.taken);
+        }
+        let silence = now.since(connection.heard);
+        if late_login || late_frame || silence >= SILENCE_MAX {
+            return self.close(id, ClosingReason::Silent);
+        }
+        let asks =
+            connection.user.is_some() && silence >= PING_AFTER && now.since(connection.pinged) >= PING_AFTER;
+        let reports =
+            connection.output.has_losses && now.since(connection.reported) >= DROPPED_REPORT_INTERVAL;
+        if asks {
+            connection.pinged = now;
+            self.pings = self.pings.wrapping_add(1).max(1);
+            let tag = self.pings;
+            self.answer(id, tag, &Event::Ping {});
+        }
+        if reports {
+            self.report(id);
+        }
+    }
+
+    fn report(&mut self, id: ConnectionId) {
+        let Some(connection) = self.connections.get_mut(id) else { return };
+        connection.reported = self.now;
+        for (channel, reason, total) in connection.output.take_losses() {
+            self.answer(id, 0, &Event::Dropped { channel, reason: reason as u8, total });
+        }
+    }
+
+    /// Closes the oldest connection without login of the address that has most of them, so that a good
+    /// login always finds a place.
+    pub(super) fn evict(&mut self) {
+        let mut by_address: BTreeMap<Option<std::net::IpAddr>, (usize, Instant, ConnectionId)> =
+            BTreeMap::new();
+        for (id, connection) in self.connections.iter().filter(|(_, connection)| is_waiting(connection)) {
+            let address = match connection.origin {
+                Origin::Network(address) => Some(address),
+                Origin::Unix { .. } | Origin::Inside { .. } => None,
+            };
+            let entry = by_address.entry(address).or_insert((0, connection.opened, id));
+            entry.0 += 1;
+            if connection.opened < entry.1 {
+                (entry.1, entry.2) = (connection.opened, id);
+            }
+        }
+        let busiest = by_address
+            .into_values()
+            .max_by_key(|(count, opened, id)| (*count, std::cmp::Reverse(*opened), std::cmp::Reverse(*id)));
+        if let Some((.., id)) = busiest {
+            self.close(id, ClosingReason::Crowded);
+        }
+    }
+}

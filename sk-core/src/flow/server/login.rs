@@ -1,0 +1,109 @@
+//! Greeting, login, and the switch to a flow.
+
+use super::super::error::{ClosingReason, ProtocolError};
+use super::super::limits::{
+    FRAGMENT_BYTES_MAX, FRAGMENT_BYTES_MIN, MAGIC, MESSAGE_BYTES_MAX, VERSION, VERSION_OLDEST,
+};
+use super::super::login::{NO_PROOF, Nonce, Proof};
+use super::super::{Event, Rights};
+use super::connection::{Origin, Replay};
+use super::{ConnectionId, Notice, ServerCore};
+
+/// The fields of a client's first frame.
+pub(super) struct Greeting {
+    pub(super) magic: [u8; 8],
+    pub(super) version: u16,
+    pub(super) version_oldest: u16,
+    pub(super) fragment_bytes: u32,
+    pub(super) message_bytes: u32,
+    pub(super) nonce: Nonce,
+}
+
+impl ServerCore {
+    pub(super) fn hello(&mut self, id: ConnectionId, tag: u32, said: Greeting) -> Result<(), ProtocolError> {
+        let bad = |field, value| Err(ProtocolError::BadValue { kind: "hello", field, value });
+        if said.magic != MAGIC {
+            return Err(ProtocolError::NotFlow);
+        }
+        if said.version_oldest > said.version {
+            return bad("version_oldest", said.version_oldest.into());
+        }
+        if (said.fragment_bytes as usize) < FRAGMENT_BYTES_MIN {
+            return bad("fragment_bytes", said.fragment_bytes.into());
+        }
+        if said.message_bytes < said.fragment_bytes {
+            return bad("message_bytes", said.message_bytes.into());
+        }
+        let version = said.version.min(VERSION);
+        if version < said.version_oldest.max(VERSION_OLDEST) {
+            self.close(id, ClosingReason::Version);
+            return Ok(());
+        }
+        let fragment_bytes = said.fragment_bytes.min(FRAGMENT_BYTES_MAX as u32);
+        let message_bytes = said.message_bytes.min(MESSAGE_BYTES_MAX as u32);
+        let Some(connection) = self.connections.get_mut(id) else { return Ok(()) };
+        connection.client_nonce = said.nonce;
+        connection.inbound.agree(fragment_bytes, message_bytes);
+        connection.inbound.advance();
+        connection.output.fragment_bytes_max = fragment_bytes as usize;
+        let nonce = connection.hub_nonce;
+        self.answer(id, tag, &Event::Welcome { magic: MAGIC, version, fragment_bytes, message_bytes, nonce });
+        Ok(())
+    }
+
+    pub(super) fn login_token(&mut self, id: ConnectionId, tag: u32, proof: &Proof) {
+        let (Some(connection), Some(token)) = (self.connections.get(id), &self.settings.token) else {
+            return self.login_failed(id);
+        };
+        let (client, hub) = (&connection.client_nonce, &connection.hub_nonce);
+        if token.client_is_true(client, hub, proof) {
+            let proof = token.hub_proof(client, hub);
+            self.logged_in(id, tag, Rights::ALL, proof);
+        } else {
+            self.login_failed(id);
+        }
+    }
+
+    pub(super) fn login_peer(&mut self, id: ConnectionId, tag: u32) {
+        let Some(connection) = self.connections.get(id) else { return };
+        let rights = match connection.origin {
+            Origin::Inside { rights } => Some(rights),
+            Origin::Unix { uid } if self.settings.owner_uid == Some(uid) => Some(Rights::ALL),
+            Origin::Unix { .. } | Origin::Network(_) => None,
+        };
+        match rights {
+            Some(rights) => self.logged_in(id, tag, rights, NO_PROOF),
+            None => self.login_failed(id),
+        }
+    }
+
+    fn logged_in(&mut self, id: ConnectionId, tag: u32, rights: Rights, proof: Proof) {
+        let user = self.settings.user.clone();
+        let Some(connection) = self.connections.get_mut(id) else { return };
+        connection.user = Some(user.clone());
+        self.waiting -= 1;
+        connection.rights = rights;
+        connection.inbound.advance();
+        self.answer(id, tag, &Event::LoggedIn { connection: id.wire(), user: user.to_string(), proof });
+        self.notices.push_back(Notice::LoggedIn { connection: id, user });
+    }
+
+    /// One attempt for each connection: the nonces are used up. An honest client may hold an old token, so
+    /// this is no reason to call it spurious.
+    fn login_failed(&mut self, id: ConnectionId) {
+        self.close(id, ClosingReason::LoginFailed);
+    }
+
+    pub(super) fn set_async(&mut self, id: ConnectionId, tag: u32) {
+        let Some(connection) = self.connections.get_mut(id) else { return };
+        connection.inbound.advance();
+        connection.replay = Some(Replay { tag, next: 0, told: 0 });
+        self.mark_dirty(id);
+    }
+
+    pub(super) fn list(&mut self, id: ConnectionId, tag: u32) {
+        let Some(connection) = self.connections.get_mut(id) else { return };
+        connection.replay = Some(Replay { tag, next: 0, told: 0 });
+        self.mark_dirty(id);
+    }
+}

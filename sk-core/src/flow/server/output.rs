@@ -1,0 +1,241 @@
+//! What one connection is to be sent: control frames, and messages of its subscriptions in turn.
+
+use super::super::ChannelRef;
+use super::super::definition::Encoded;
+use super::super::delivery::{Book, Counts, DropReason, Outgoing};
+use super::super::limits::{CONNECTION_BYTES_MAX, CONTROL_BYTES_MAX, FRAGMENT_BYTES_MAX, WIRE_BYTES_AHEAD};
+use super::super::wire::Wire;
+use rustc_hash::FxHashMap;
+use slab::Slab;
+use std::collections::VecDeque;
+
+/// What is to be noted when the transport has taken a frame.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Note {
+    Nothing,
+    /// The frame ended a message of this subscription.
+    EndsMessage {
+        slot: usize,
+        serial: u64,
+    },
+}
+
+#[derive(Debug)]
+struct Subscription {
+    channel: ChannelRef,
+    /// Tells two bearers of one slot apart.
+    serial: u64,
+    book: Book,
+    in_turn: bool,
+    /// The drop counts that the subscriber was told.
+    told: [u64; DropReason::ALL.len()],
+}
+
+/// The sending half of a connection.
+#[derive(Debug)]
+pub(super) struct Output {
+    wire: Wire<Note>,
+    control: VecDeque<Encoded>,
+    control_bytes: usize,
+    subscriptions: Slab<Subscription>,
+    slots: FxHashMap<ChannelRef, usize>,
+    serial: u64,
+    /// Subscriptions with something to send, in turn: one fragment each.
+    turns: VecDeque<usize>,
+    /// What all subscriptions together are charged.
+    bytes: usize,
+    pub(super) fragment_bytes_max: usize,
+    /// Whether messages were dropped that the subscriber was not told of.
+    pub(super) has_losses: bool,
+}
+
+impl Default for Output {
+    fn default() -> Self {
+        Output {
+            wire: Wire::default(),
+            control: VecDeque::new(),
+            control_bytes: 0,
+            subscriptions: Slab::new(),
+            slots: FxHashMap::default(),
+            serial: 0,
+            turns: VecDeque::new(),
+            bytes: 0,
+            fragment_bytes_max: FRAGMENT_BYTES_MAX,
+            has_losses: false,
+        }
+    }
+}
+
+impl Output {
+    /// Queues a control frame. Answers `false` if the queue is over its limit: the peer reads too slowly.
+    pub(super) fn control(&mut self, frame: Encoded) -> bool {
+        self.control_bytes += frame.len();
+        self.control.push_back(frame);
+        self.control_bytes <= CONTROL_BYTES_MAX
+    }
+
+    /// Whether more answers should wait until some were read.
+    pub(super) fn answers_pile_up(&self) -> bool {
+        self.control_bytes > CONTROL_BYTES_MAX / 2
+    }
+
+    /// Whether a list being told may add a line now.
+    pub(super) fn has_room_for_list(&self) -> bool {
+        self.control_bytes < WIRE_BYTES_AHEAD
+    }
+
+    /// Adds a subscription, or changes its depth. Answers its slot, and whether it is new.
+    pub(super) fn subscribe(&mut self, channel: ChannelRef, depth: usize) -> (usize, bool) {
+        if let Some(slot) = self.slots.get(&channel) {
+            self.subscriptions[*slot].book.set_depth(depth);
+            return (*slot, false);
+        }
+        self.serial += 1;
+        let told = [0; DropReason::ALL.len()];
+        let subscription =
+            Subscription { channel, serial: self.serial, book: Book::new(depth), in_turn: false, told };
+        let slot = self.subscriptions.insert(subscription);
+        self.slots.insert(channel, slot);
+        (slot, true)
+    }
+
+    pub(super) fn is_subscribed(&self, channel: ChannelRef) -> bool {
+        self.slots.contains_key(&channel)
+    }
+
+    pub(super) fn subscriptions(&self) -> usize {
+        self.subscriptions.len()
+    }
+
+    /// The subscribed channels, in the order of their slots.
+    pub(super) fn channels(&self) -> Vec<ChannelRef> {
+        self.subscriptions
+            .iter()
+            .map(|(_, subscription)| subscription.channel)
+            .collect()
+    }
+
+    /// Ends a subscription: frames of it that were not begun do not go any more.
+    pub(super) fn unsubscribe(&mut self, channel: ChannelRef, reason: DropReason) -> Option<Counts> {
+        let slot = self.slots.remove(&channel)?;
+        let subscription = self.subscriptions.try_remove(slot)?;
+        if subscription.in_turn {
+            self.turns.retain(|turn| *turn != slot);
+        }
+        self.bytes -= subscription.book.bytes();
+        Some(subscription.book.close(reason))
+    }
+
+    /// The counts of a subscription.
+    pub(super) fn counts(&self, channel: ChannelRef) -> Option<&Counts> {
+        Some(self.subscriptions[*self.slots.get(&channel)?].book.counts())
+    }
+
+    /// Adds the counts of all subscriptions.
+    pub(super) fn add_counts(&self, sum: &mut Counts) {
+        self.subscriptions
+            .iter()
+            .for_each(|(_, subscription)| sum.add(subscription.book.counts()));
+    }
+
+    /// Offers a message to a subscription.
+    pub(super) fn offer(&mut self, slot: usize, message: &Outgoing) {
+        let Some(subscription) = self.subscriptions.get_mut(slot) else { return };
+        let book = &mut subscription.book;
+        let (held, dropped) = (book.bytes(), book.counts().dropped_in_all());
+        book.offer(message, CONNECTION_BYTES_MAX.saturating_sub(self.bytes));
+        self.bytes = self.bytes - held + book.bytes();
+        self.has_losses |= book.counts().dropped_in_all() != dropped;
+        if book.is_ready() && !subscription.in_turn {
+            subscription.in_turn = true;
+            self.turns.push_back(slot);
+        }
+    }
+
+    /// Tells a subscription's book of a message that its publisher gave up.
+    pub(super) fn aborted(&mut self, slot: usize) {
+        let Some(subscription) = self.subscriptions.get_mut(slot) else { return };
+        subscription.book.aborted();
+        self.has_losses = true;
+    }
+
+    /// What was dropped since it was last asked: channel, reason and total, for each that changed.
+    pub(super) fn take_losses(&mut self) -> Vec<(ChannelRef, DropReason, u64)> {
+        self.has_losses = false;
+        let mut losses = Vec::new();
+        for (_, subscription) in &mut self.subscriptions {
+            let dropped = subscription.book.counts().dropped;
+            for (reason, ..) in DropReason::ALL {
+                let total = dropped[reason as usize];
+                if total != subscription.told[reason as usize] {
+                    losses.push((subscription.channel, reason, total));
+                }
+            }
+            subscription.told = dropped;
+        }
+        losses
+    }
+
+    /// Moves frames to the wire: control frames first, then one fragment of each subscription in turn.
+    pub(super) fn fill(&mut self) {
+        while self.wire.bytes() < WIRE_BYTES_AHEAD {
+            if let Some(frame) = self.control.pop_front() {
+                self.control_bytes -= frame.len();
+                self.wire.push(frame, Note::Nothing);
+                continue;
+            }
+            let Some(slot) = self.turns.pop_front() else { return };
+            let Some(subscription) = self.subscriptions.get_mut(slot) else { continue };
+            if let Some((frame, ends)) = subscription.book.next_frame(self.fragment_bytes_max) {
+                let serial = subscription.serial;
+                self.wire
+                    .push(frame, if ends { Note::EndsMessage { slot, serial } } else { Note::Nothing });
+            }
+            subscription.in_turn = subscription.book.is_ready();
+            if subscription.in_turn {
+                self.turns.push_back(slot);
+            }
+        }
+    }
+
+    /// What is on the wire's side, after [`fill`](Output::fill).
+    pub(super) fn wire(&self) -> &Wire<Note> {
+        &self.wire
+    }
+
+    /// Whether anything is left to send.
+    pub(super) fn is_empty(&self) -> bool {
+        self.wire.is_empty() && self.control.is_empty() && self.turns.is_empty()
+    }
+
+    /// Notes that the transport took `count` bytes.
+    pub(super) fn wrote(&mut self, count: usize) {
+        let Output { wire, subscriptions, bytes, .. } = self;
+        wire.wrote(count, |note| ended(subscriptions, bytes, note));
+    }
+
+    /// Takes a whole frame, for a transport inside the process.
+    pub(super) fn take(&mut self) -> Option<Encoded> {
+        let (frame, note) = self.wire.take()?;
+        ended(&mut self.subscriptions, &mut self.bytes, note);
+        Some(frame)
+    }
+
+    /// Leaves nothing to send but the rest of a frame that is half written, and `last`.
+    pub(super) fn end_with(&mut self, last: Encoded) {
+        self.control.clear();
+        self.control_bytes = 0;
+        self.wire.drop_unbegun();
+        self.wire.push(last, Note::Nothing);
+    }
+}
+
+/// A message is delivered when the transport took its last byte, unless its subscription has ended.
+fn ended(subscriptions: &mut Slab<Subscription>, bytes: &mut usize, note: Note) {
+    if let Note::EndsMessage { slot, serial } = note
+        && let Some(subscription) = subscriptions.get_mut(slot)
+        && subscription.serial == serial
+    {
+        *bytes -= subscription.book.delivered();
+    }
+}

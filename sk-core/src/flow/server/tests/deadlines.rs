@@ -1,0 +1,127 @@
+//! Time, turns and the end of connections.
+
+use super::*;
+
+#[test]
+fn a_peer_that_lets_control_frames_pile_up_is_closed_and_is_not_spurious() {
+    let mut hub = hub();
+    let stuck = Raw::flow(&mut hub, OWNER);
+    let mut good = Raw::flow(&mut hub, OWNER);
+    let name: Name = "hub.x".parse().expect("a name");
+    for _ in 0..20_000 {
+        let channel = hub.open_channel(name.clone(), no_properties()).expect("room");
+        hub.close_channel(channel);
+        good.read(&mut hub);
+    }
+    assert!(hub.connection(good.id).is_some());
+    let mut closing = Raw { id: stuck.id, inbound: Inbound::new() };
+    closing.inbound.advance();
+    let last = messages(closing.read(&mut hub)).pop();
+    assert!(
+        matches!(last, Some(Event::Closing { reason, .. }) if reason == ClosingReason::ControlFull.code())
+    );
+    assert_eq!(ending(&mut hub, stuck.id), Some(Ending::Closed(ClosingReason::ControlFull)));
+    assert_eq!(hub.spurious(), 0);
+}
+
+#[test]
+fn a_connection_without_login_ends_after_two_seconds_whatever_it_drips() {
+    let mut hub = hub();
+    let raw = Raw::open(&mut hub, OWNER);
+    for (step, byte) in Raw::hello(1024)
+        .encode(1, Flags::NONE)
+        .to_vec()
+        .into_iter()
+        .enumerate()
+        .take(19)
+    {
+        hub.receive(raw.id, &[byte], at(100 * step as u64));
+        hub.tick(at(100 * step as u64));
+    }
+    assert!(hub.connection(raw.id).is_some() && ending(&mut hub, raw.id).is_none());
+    hub.tick(at(2200));
+    while hub.take(raw.id).is_some() {}
+    assert_eq!(ending(&mut hub, raw.id), Some(Ending::Closed(ClosingReason::Silent)));
+}
+
+#[test]
+fn a_silent_flow_is_asked_and_given_up_and_one_that_answers_stays() {
+    let mut hub = hub();
+    let silent = Raw::flow(&mut hub, OWNER);
+    let mut alive = Raw::flow(&mut hub, OWNER);
+    let mut pings = 0;
+    for ms in (0..7000).step_by(50) {
+        hub.tick(at(ms));
+        for event in alive.read(&mut hub) {
+            if event.message == (Event::Ping {}) {
+                pings += 1;
+                alive.send(&mut hub, event.tag, &Command::Pong {});
+            }
+        }
+    }
+    assert_eq!(pings, 3);
+    assert!(hub.connection(alive.id).is_some());
+    while hub.take(silent.id).is_some() {}
+    assert_eq!(ending(&mut hub, silent.id), Some(Ending::Closed(ClosingReason::Silent)));
+}
+
+#[test]
+fn a_frame_once_begun_must_end_within_ten_seconds() {
+    let mut hub = hub();
+    let raw = Raw::flow(&mut hub, OWNER);
+    let channel = ChannelRef { id: 2000, epoch: 1 };
+    let frame =
+        Command::Publish { channel, message: 1, payload: Bytes::from(vec![0; 5000]) }.encode(1, Flags::WHOLE);
+    for (step, byte) in frame.to_vec().iter().enumerate().take(22) {
+        hub.receive(raw.id, &[*byte], at(500 * step as u64));
+        hub.tick(at(500 * step as u64));
+        while hub.take(raw.id).is_some() {}
+    }
+    assert_eq!(ending(&mut hub, raw.id), Some(Ending::Closed(ClosingReason::Silent)));
+}
+
+#[test]
+fn when_too_many_wait_for_their_login_the_oldest_of_the_busiest_address_goes() {
+    let mut hub = hub();
+    let quiet = Raw::open(&mut hub, Origin::Network([10, 0, 0, 1].into()));
+    hub.now = at(1);
+    let storm: Vec<_> = (1..UNAUTHENTICATED_MAX)
+        .map(|_| Raw::open(&mut hub, Origin::Network([10, 0, 0, 2].into())))
+        .collect();
+    let mut honest = Raw::open(&mut hub, OWNER);
+    while hub.take(storm[0].id).is_some() {}
+    assert_eq!(ending(&mut hub, storm[0].id), Some(Ending::Closed(ClosingReason::Crowded)));
+    assert!(hub.connection(quiet.id).is_some() && hub.connection(storm[1].id).is_some());
+    honest.send(&mut hub, 1, &Raw::hello(1024));
+    assert_eq!(honest.read(&mut hub).len(), 1);
+}
+
+#[test]
+fn at_shutdown_everyone_is_told_and_what_waited_is_counted() {
+    let mut hub = hub();
+    let mut owner = Raw::flow(&mut hub, OWNER);
+    let channel = owner.create(&mut hub, "imu");
+    let mut listener = Raw::flow(&mut hub, OWNER);
+    listener.subscribe(&mut hub, channel);
+    owner.publish(&mut hub, channel, Bytes::from_static(b"pulse"));
+    hub.shut_down(at(0));
+    let last = messages(listener.read(&mut hub)).pop();
+    assert!(matches!(last, Some(Event::Closing { reason, .. }) if reason == ClosingReason::Shutdown.code()));
+    hub.tick(at(1500));
+    assert_eq!(hub.connections(), 0, "who does not read its last frame goes after a second");
+    let totals = hub.totals();
+    assert!(totals.balance() && totals.dropped[DropReason::Shutdown as usize] == 1);
+}
+
+#[test]
+fn one_connection_has_its_turn_and_then_others_have_theirs() {
+    let mut hub = hub();
+    let mut greedy = Raw::flow(&mut hub, OWNER);
+    let ping = Command::Ping {}.encode(1, Flags::NONE).to_vec();
+    hub.receive(greedy.id, &ping.repeat(1000), at(0));
+    assert_eq!(greedy.read(&mut hub).len(), TURN_COST_MAX as usize);
+    assert!(!hub.wants_input(greedy.id));
+    while hub.work(at(0)) {}
+    assert_eq!(greedy.read(&mut hub).len(), 1000 - TURN_COST_MAX as usize);
+    assert!(hub.wants_input(greedy.id));
+}

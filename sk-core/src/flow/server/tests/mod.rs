@@ -1,0 +1,141 @@
+//! The rules of the hub, with its two sides talking through memory.
+
+mod channels;
+mod deadlines;
+mod delivery;
+mod login;
+
+use super::super::limits::*;
+use super::super::satellite::{Credentials, SatelliteCore, SatelliteEvent};
+use super::super::{ChannelRef, Command, Flags, Header, Inbound, Properties, Rights, Tagged};
+use super::*;
+use bytes::Bytes;
+use sk_flat::SkVariant;
+use std::time::Duration;
+
+const UID: u32 = 1000;
+const OWNER: Origin = Origin::Unix { uid: UID };
+
+fn hub() -> ServerCore {
+    let user = "robot".parse().expect("a name");
+    let settings = Settings { user, token: Some(OwnerToken::new([7; 32])), owner_uid: Some(UID) };
+    ServerCore::new(settings, Instant::ZERO)
+}
+
+fn no_properties() -> Properties {
+    Properties::new(&SkVariant::map([] as [(&str, SkVariant); 0])).expect("an empty map")
+}
+
+fn at(ms: u64) -> Instant {
+    Instant::ZERO + Duration::from_millis(ms)
+}
+
+/// A client that sends exactly what a test tells it to.
+struct Raw {
+    id: ConnectionId,
+    inbound: Inbound<Event>,
+}
+
+impl Raw {
+    fn open(hub: &mut ServerCore, origin: Origin) -> Raw {
+        let id = hub.open(origin, [1; 32], hub.now).expect("a place");
+        Raw { id, inbound: Inbound::new() }
+    }
+
+    fn hello(fragment_bytes: u32) -> Command {
+        let (version, version_oldest) = (VERSION, VERSION_OLDEST);
+        Command::Hello {
+            magic: MAGIC,
+            version,
+            version_oldest,
+            fragment_bytes,
+            message_bytes: 1 << 24,
+            nonce: [2; 32],
+        }
+    }
+
+    fn send(&self, hub: &mut ServerCore, tag: u32, command: &Command) {
+        self.send_flagged(hub, tag, Flags::NONE, command);
+    }
+
+    fn send_flagged(&self, hub: &mut ServerCore, tag: u32, flags: Flags, command: &Command) {
+        hub.receive(self.id, &command.encode(tag, flags).to_vec(), hub.now);
+    }
+
+    /// Everything that the hub has for this client.
+    fn read(&mut self, hub: &mut ServerCore) -> Vec<Tagged<Event>> {
+        let mut events = Vec::new();
+        while let Some(frame) = hub.take(self.id) {
+            self.inbound.feed(&frame.to_vec());
+            while let Some(event) = self.inbound.next().expect("the hub is honest") {
+                if matches!(
+                    event.message,
+                    Event::Welcome { .. } | Event::LoggedIn { .. } | Event::FlowBegun { .. }
+                ) {
+                    self.inbound.advance();
+                }
+                events.push(event);
+            }
+        }
+        events
+    }
+
+    fn flow(hub: &mut ServerCore, origin: Origin) -> Raw {
+        Raw::flow_with(hub, origin, FRAGMENT_BYTES_MAX as u32)
+    }
+
+    fn flow_with(hub: &mut ServerCore, origin: Origin, fragment_bytes: u32) -> Raw {
+        let mut raw = Raw::open(hub, origin);
+        for command in [Raw::hello(fragment_bytes), Command::LoginPeer {}, Command::SetAsync {}] {
+            raw.send(hub, 1, &command);
+        }
+        raw.read(hub);
+        assert_eq!(raw.inbound.state(), State::Flow);
+        raw
+    }
+
+    fn create(&mut self, hub: &mut ServerCore, name: &str) -> ChannelRef {
+        self.send(hub, 77, &Command::CreateStream { name: name.to_owned(), properties: no_properties() });
+        let events = self.read(hub);
+        let created = events.iter().find_map(|event| match &event.message {
+            Event::ChannelAdded { channel, .. } if event.tag == 77 => Some(*channel),
+            _ => None,
+        });
+        created.unwrap_or_else(|| panic!("no channel, but {events:?}"))
+    }
+
+    fn subscribe(&mut self, hub: &mut ServerCore, channel: ChannelRef) {
+        self.send(hub, 78, &Command::Subscribe { channel, depth: 0 });
+        assert!(tagged(&self.read(hub), 78).contains(&Event::Subscribed { channel }));
+    }
+
+    fn publish(&self, hub: &mut ServerCore, channel: ChannelRef, payload: Bytes) {
+        self.send_flagged(hub, 9, Flags::WHOLE, &Command::Publish { channel, message: 1, payload });
+    }
+}
+
+fn tagged(events: &[Tagged<Event>], tag: u32) -> Vec<Event> {
+    events
+        .iter()
+        .filter(|event| event.tag == tag)
+        .map(|event| event.message.clone())
+        .collect()
+}
+
+fn messages(events: Vec<Tagged<Event>>) -> Vec<Event> {
+    events.into_iter().map(|event| event.message).collect()
+}
+
+fn ending(hub: &mut ServerCore, id: ConnectionId) -> Option<Ending> {
+    std::iter::from_fn(|| hub.next_notice()).find_map(|notice| match notice {
+        Notice::Ended { connection, ending } if connection == id => Some(ending),
+        _ => None,
+    })
+}
+
+fn refusal(events: &[Tagged<Event>], tag: u32) -> Option<RefusalCode> {
+    tagged(events, tag).iter().find_map(|event| match event {
+        Event::Refused { code, .. } => RefusalCode::from_code(*code),
+        _ => None,
+    })
+}

@@ -1,0 +1,126 @@
+//! Turns: a bounded piece of a connection's commands, from bytes to effects.
+
+use super::super::definition::{Encoded, Tagged};
+use super::super::error::{ProtocolError, RefusalCode};
+use super::super::limits::TURN_COST_MAX;
+use super::super::{Command, Event, Message};
+use super::{ConnectionId, ServerCore};
+use sk_flat::Instant;
+
+impl ServerCore {
+    /// Takes received bytes and handles the commands in them, up to the budget of one turn; what is left
+    /// waits for [`work`](ServerCore::work).
+    pub fn receive(&mut self, id: ConnectionId, bytes: &[u8], now: Instant) {
+        let Some(connection) = self.heard(id, now) else { return };
+        if connection.closing.is_some() {
+            return;
+        }
+        connection.inbound.feed(bytes);
+        if !connection.queued {
+            self.turn(id);
+        }
+        self.settle();
+    }
+
+    /// Takes a frame from inside the process; the payload is not copied.
+    pub fn accept(&mut self, id: ConnectionId, frame: Encoded, now: Instant) {
+        let Some(connection) = self.heard(id, now) else { return };
+        if connection.closing.is_some() {
+            return;
+        }
+        connection.parts.push_back(frame);
+        if !connection.queued {
+            self.turn(id);
+        }
+        self.settle();
+    }
+
+    /// Gives one connection whose commands wait a turn. Answers whether more wait.
+    pub fn work(&mut self, now: Instant) -> bool {
+        self.now = now;
+        if let Some(id) = self.work.pop_front() {
+            if let Some(connection) = self.connections.get_mut(id) {
+                connection.queued = false;
+                self.turn(id);
+            }
+            self.settle();
+        }
+        !self.work.is_empty()
+    }
+
+    fn heard(&mut self, id: ConnectionId, now: Instant) -> Option<&mut super::Connection> {
+        self.now = now;
+        let connection = self.connections.get_mut(id)?;
+        connection.heard = now;
+        Some(connection)
+    }
+
+    fn turn(&mut self, id: ConnectionId) {
+        let mut budget = TURN_COST_MAX;
+        while let Some(connection) = self.connections.get_mut(id) {
+            if connection.is_held() {
+                return;
+            }
+            match connection.next_command() {
+                Err(error) => return self.kill(id, error),
+                Ok(None) => {
+                    let waits = connection.inbound.pending() > 0;
+                    connection.frame_begun = waits.then(|| connection.frame_begun.unwrap_or(self.now));
+                    return;
+                }
+                Ok(Some(tagged)) => {
+                    connection.frame_begun = None;
+                    let cost = tagged.message.definition().cost;
+                    if let Err(error) = self.dispatch(id, tagged) {
+                        return self.kill(id, error);
+                    }
+                    if cost >= budget {
+                        return self.enqueue(id);
+                    }
+                    budget -= cost;
+                }
+            }
+        }
+    }
+
+    /// One command. The state was checked when its frame was; the right is checked here, for every
+    /// command alike.
+    fn dispatch(&mut self, id: ConnectionId, tagged: Tagged<Command>) -> Result<(), ProtocolError> {
+        let Tagged { tag, flags, message } = tagged;
+        let Some(connection) = self.connections.get(id) else { return Ok(()) };
+        if !connection.rights.has(message.definition().right) {
+            self.refuse(id, tag, RefusalCode::Denied);
+            return Ok(());
+        }
+        match message {
+            Command::Hello { magic, version, version_oldest, fragment_bytes, message_bytes, nonce } => {
+                self.hello(
+                    id,
+                    tag,
+                    super::login::Greeting {
+                        magic,
+                        version,
+                        version_oldest,
+                        fragment_bytes,
+                        message_bytes,
+                        nonce,
+                    },
+                )?;
+            }
+            Command::LoginToken { proof } => self.login_token(id, tag, &proof),
+            Command::LoginPeer {} => self.login_peer(id, tag),
+            Command::Ping {} => self.answer(id, tag, &Event::Pong {}),
+            Command::Pong {} => {}
+            Command::SetAsync {} => self.set_async(id, tag),
+            Command::ListChannels {} => self.list(id, tag),
+            Command::CreateStream { name, properties } => self.create_stream(id, tag, &name, properties),
+            Command::RemoveChannel { channel } => self.remove_on_request(id, tag, channel),
+            Command::Subscribe { channel, depth } => self.subscribe(id, tag, channel, depth)?,
+            Command::Unsubscribe { channel } => self.unsubscribe(id, tag, channel),
+            Command::Publish { channel, message, payload } => {
+                self.publish(id, tag, flags, super::publish::Piece { channel, message, payload })?;
+            }
+        }
+        Ok(())
+    }
+}

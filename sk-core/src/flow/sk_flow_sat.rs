@@ -1,0 +1,616 @@
+//! A satellite as an object: its link to a hub around a [`SatelliteCore`], and the way back when it breaks.
+
+use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteError, SatelliteEvent};
+use super::transport::{Broken, Core, Link, PipeSeed, TURN_BYTES_MAX, Turn};
+use super::{ChannelRef, Encoded, Flow, FlowMessage, HubAddress};
+use crate::eventloop::Timer;
+use crate::object::{Handle, ObjectId};
+use crate::signal::Signal;
+use crate::world::{Readiness, Token};
+use crate::{Cx, attach};
+use bytes::Bytes;
+use sk_flat::{Instant, IntoVariant, SkVariant};
+use std::collections::BTreeMap;
+use std::io::{self, IoSlice};
+use std::rc::Rc;
+use std::time::Duration;
+
+/// How often deadlines are looked at.
+const CHECK_EVERY: Duration = Duration::from_millis(250);
+/// The first wait before a lost hub is looked for again; each further one is twice as long.
+const RECONNECT_FIRST: Duration = Duration::from_millis(100);
+/// The longest.
+const RECONNECT_MAX: Duration = Duration::from_secs(5);
+
+/// A satellite's link to its hub (`SkFlowSat` of the papers): it logs in, opens channels by name, publishes,
+/// hears what it subscribed to. When the hub is lost it looks for it again and restores channels and
+/// subscriptions; what was published meanwhile is counted as lost.
+///
+/// ```no_run
+/// use sk_core::flow::SkFlowSat;
+/// use sk_core::prelude::*;
+///
+/// struct Thermometer { hub: Handle<SkFlowSat>, celsius: f64 }
+/// impl Thermometer {
+///     fn read(&mut self, cx: &mut Cx) {
+///         self.celsius += 0.1;
+///         self.hub.publish(cx, "celsius", self.celsius);
+///     }
+/// }
+/// object! { Thermometer { slots { read() } } }
+///
+/// let mut app = SkApp::builder().mode(TimingMode::SelectIo).build()?;
+/// let cx = app.cx();
+/// let hub = SkFlowSat::connect(cx, &"unix:/run/user/1000/skrobot/hub.sock".parse()?);
+/// let thermometer = cx.spawn(Thermometer { hub, celsius: 20.0 });
+/// attach!(cx, cx.slow_zone().pulse => thermometer.read);
+/// app.run();
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub struct SkFlowSat {
+    way: Way,
+    core: Option<SatelliteCore>,
+    link: Option<Link>,
+    token: Option<Token>,
+    waiting: Option<Encoded>,
+    room: Vec<u8>,
+    flush_asked: bool,
+    /// What this satellite owns, by its own names; opened again after a reconnection.
+    own: BTreeMap<String, Own>,
+    /// What it wants to hear, by full names.
+    wanted: BTreeMap<String, u16>,
+    /// Channels whose messages came, until they are removed.
+    heard: BTreeMap<ChannelRef, Rc<ChannelInfo>>,
+    reconnect: Handle<Timer>,
+    reconnect_after: Duration,
+    losses: u64,
+    ever_ready: bool,
+    /// The hub let this satellite in; channels and subscriptions are being restored.
+    pub ready: Signal<()>,
+    /// The hub is lost; carries why. It is looked for again, unless the hub refused the login.
+    pub lost: Signal<String>,
+    /// Somebody began to listen to a channel of this satellite's; carries its own name.
+    pub start_publishing: Signal<String>,
+    /// Nobody listens any more; carries the channel's own name.
+    pub stop_publishing: Signal<String>,
+    /// A message of a channel that was subscribed to.
+    pub message: Signal<FlowMessage>,
+    /// A channel exists, anybody's.
+    pub channel_added: Signal<ChannelInfo>,
+    /// A channel is gone, anybody's.
+    pub channel_removed: Signal<ChannelInfo>,
+    /// The hub refused a command; carries the hub's words.
+    pub refused: Signal<String>,
+    /// Messages of a subscription were dropped: the channel's full name, the reason, and how many for that
+    /// reason since the subscription began.
+    pub dropped: Signal<(String, String, u64)>,
+}
+
+crate::object! {
+    pub SkFlowSat {
+        signals {
+            ready()
+            lost(String)
+            start_publishing(String)
+            stop_publishing(String)
+            message(&FlowMessage)
+            channel_added(&ChannelInfo)
+            channel_removed(&ChannelInfo)
+            refused(String)
+            dropped(String, String, u64)
+        }
+        slots { on_check() on_reconnect() }
+        hooks { on_destroy }
+    }
+}
+
+/// How the hub is reached.
+enum Way {
+    Address {
+        to: HubAddress,
+        credentials: Credentials,
+    },
+    /// Inside the process: if that breaks there is no hub any more.
+    Pipe,
+}
+
+struct Own {
+    properties: SkVariant,
+    channel: Option<ChannelRef>,
+}
+
+struct Side<'a> {
+    core: &'a mut SatelliteCore,
+    now: Instant,
+    waiting: &'a mut Option<Encoded>,
+}
+
+impl Core for Side<'_> {
+    fn wants_input(&self) -> bool {
+        true
+    }
+    fn bytes(&mut self, bytes: &[u8]) -> Result<(), Broken> {
+        self.core.receive(bytes, self.now).map_err(|error| broken(&error))
+    }
+    fn frame(&mut self, frame: Encoded) -> Result<(), Broken> {
+        self.core.accept(frame, self.now).map_err(|error| broken(&error))
+    }
+    fn has_output(&self) -> bool {
+        self.core.has_output()
+    }
+    fn slices(&mut self, parts_max: usize) -> Vec<IoSlice<'_>> {
+        self.core.slices(parts_max)
+    }
+    fn wrote(&mut self, count: usize) {
+        self.core.wrote(count);
+    }
+    fn take(&mut self) -> Option<Encoded> {
+        self.core.take()
+    }
+    fn put_back(&mut self, frame: Encoded) {
+        *self.waiting = Some(frame);
+    }
+    fn put_back_first(&mut self) -> Option<Encoded> {
+        self.waiting.take()
+    }
+}
+
+fn broken(error: &super::ProtocolError) -> Broken {
+    tracing::error!("the hub sent what no hub sends: {error}");
+    Broken
+}
+
+impl SkFlowSat {
+    /// A satellite of a hub reached over a Unix socket: the login is by the user id of this process. It
+    /// connects in the background, now and whenever the hub was lost.
+    pub fn connect(cx: &mut Cx, to: &HubAddress) -> Handle<SkFlowSat> {
+        SkFlowSat::connect_as(cx, to, Credentials::Peer)
+    }
+
+    /// As [`connect`](SkFlowSat::connect), with other credentials: the owner's token over TCP.
+    pub fn connect_as(cx: &mut Cx, to: &HubAddress, credentials: Credentials) -> Handle<SkFlowSat> {
+        let satellite = SkFlowSat::make(cx, Way::Address { to: to.clone(), credentials });
+        // It was made just now.
+        let _ = cx.with(satellite, |satellite, cx| satellite.open_link(cx));
+        satellite
+    }
+
+    /// A satellite inside the hub's process, on any of its loops.
+    pub fn inside(cx: &mut Cx, seed: PipeSeed) -> Handle<SkFlowSat> {
+        let satellite = SkFlowSat::make(cx, Way::Pipe);
+        let token = cx.add_source(satellite.id(), serve);
+        let pipe = seed.grow();
+        pipe.serve_by(cx, token);
+        // It was made just now.
+        let _ = cx
+            .with(satellite, |satellite, cx| satellite.begin(cx, Link::Pipe(pipe), token, Credentials::Peer));
+        satellite
+    }
+
+    fn make(cx: &mut Cx, way: Way) -> Handle<SkFlowSat> {
+        cx.spawn_with(|cx, this: Handle<SkFlowSat>| {
+            let reconnect = cx.under(this).spawn(Timer::default());
+            let check = cx.under(this).spawn(Timer::default());
+            attach!(cx, reconnect.timeout => this.on_reconnect);
+            attach!(cx, check.timeout => this.on_check);
+            // The timer was made just now and is no more gone than this object.
+            let _ = check.start(cx, CHECK_EVERY);
+            SkFlowSat {
+                way,
+                core: None,
+                link: None,
+                token: None,
+                waiting: None,
+                room: vec![0; TURN_BYTES_MAX],
+                flush_asked: false,
+                own: BTreeMap::new(),
+                wanted: BTreeMap::new(),
+                heard: BTreeMap::new(),
+                reconnect,
+                reconnect_after: RECONNECT_FIRST,
+                losses: 0,
+                ever_ready: false,
+                ready: Signal::new(),
+                lost: Signal::new(),
+                start_publishing: Signal::new(),
+                stop_publishing: Signal::new(),
+                message: Signal::new(),
+                channel_added: Signal::new(),
+                channel_removed: Signal::new(),
+                refused: Signal::new(),
+                dropped: Signal::new(),
+            }
+        })
+    }
+
+    /// The protocol's side, while there is a link.
+    pub fn core(&self) -> Option<&SatelliteCore> {
+        self.core.as_ref()
+    }
+
+    /// How many messages were not sent because there was no link or too much waited.
+    pub fn losses(&self) -> u64 {
+        self.losses + self.core.as_ref().map_or(0, SatelliteCore::lost)
+    }
+
+    // ---- the link ----
+
+    fn open_link(&mut self, cx: &mut Cx) {
+        let Way::Address { to, credentials } = &self.way else { return };
+        let (endpoint, credentials) = (to.endpoint(), credentials.clone());
+        let token = cx.add_source(cx.this(self).id(), serve);
+        match cx.world().net.connect(&endpoint, token) {
+            Ok(stream) => self.begin(cx, Link::Socket(stream), token, credentials),
+            Err(error) => {
+                cx.remove_source(token);
+                self.break_link(cx, error.to_string());
+            }
+        }
+    }
+
+    fn begin(&mut self, cx: &mut Cx, link: Link, token: Token, credentials: Credentials) {
+        let mut nonce = [0; 32];
+        cx.world().rng.fill(&mut nonce);
+        self.core = Some(SatelliteCore::flow(credentials, nonce, cx.now()));
+        self.link = Some(link);
+        self.token = Some(token);
+        self.waiting = None;
+        self.flush_later(cx);
+    }
+
+    /// The link is over; the way back is tried later.
+    fn break_link(&mut self, cx: &mut Cx, why: String) {
+        if let Some(token) = self.token.take() {
+            cx.remove_source(token);
+        }
+        if let Some(link) = self.link.take() {
+            link.close(cx);
+        }
+        if let Some(core) = self.core.take() {
+            self.losses += core.lost();
+        }
+        for own in self.own.values_mut() {
+            own.channel = None;
+        }
+        self.heard.clear();
+        if matches!(self.way, Way::Address { .. }) {
+            // The timer is this object's child and lives as long as it.
+            let _ = self.reconnect.start_once(cx, self.reconnect_after);
+            self.reconnect_after = (self.reconnect_after * 2).min(RECONNECT_MAX);
+        }
+        tracing::debug!("the hub is lost: {why}");
+        let this = cx.this(self);
+        cx.post_own(this, move |cx| cx.emit_own(this, |satellite| &satellite.lost, &why));
+    }
+
+    fn on_reconnect(&mut self, cx: &mut Cx) {
+        if self.link.is_none() {
+            self.open_link(cx);
+        }
+    }
+
+    fn on_check(&mut self, cx: &mut Cx) {
+        let now = cx.now();
+        if let Some(core) = &mut self.core
+            && let Err(error) = core.tick(now)
+        {
+            self.break_link(cx, error.to_string());
+        }
+        self.flush_later(cx);
+    }
+
+    fn on_destroy(&mut self, cx: &mut Cx) {
+        self.flush(cx);
+        if let Some(link) = self.link.take() {
+            link.close(cx);
+        }
+    }
+
+    fn flush_later(&mut self, cx: &mut Cx) {
+        let has_output = self.waiting.is_some() || self.core.as_ref().is_some_and(SatelliteCore::has_output);
+        if has_output && !std::mem::replace(&mut self.flush_asked, true) {
+            let this = cx.this(self);
+            cx.write_later(this.id(), flush);
+        }
+    }
+
+    /// Step 7.
+    fn flush(&mut self, cx: &mut Cx) {
+        self.flush_asked = false;
+        let now = cx.now();
+        let (Some(core), Some(mut link)) = (&mut self.core, self.link.take()) else { return };
+        let turn = link.write(cx, &mut Side { core, now, waiting: &mut self.waiting });
+        self.link = Some(link);
+        match turn {
+            Turn::Over => self.break_link(cx, "the connection broke".to_owned()),
+            Turn::More => self.flush_later(cx),
+            Turn::Done | Turn::Held => {}
+        }
+    }
+
+    fn serve(&mut self, cx: &mut Cx, readiness: Readiness) -> Turn {
+        let now = cx.now();
+        if self.token != Some(readiness.token) {
+            return Turn::Done;
+        }
+        let (Some(core), Some(mut link)) = (&mut self.core, self.link.take()) else { return Turn::Done };
+        if let Link::Socket(stream) = &mut link
+            && readiness.writable
+            && let Err(error) = stream.connected()
+        {
+            self.link = Some(link);
+            self.break_link(cx, error.to_string());
+            return Turn::Done;
+        }
+        let mut side = Side { core, now, waiting: &mut self.waiting };
+        let mut turn = Turn::Done;
+        if readiness.writable {
+            turn = link.write(cx, &mut side);
+        }
+        if turn != Turn::Over && readiness.readable {
+            turn = link.read(cx, &mut side, &mut self.room);
+        }
+        self.link = Some(link);
+        turn
+    }
+
+    // ---- what the hub says ----
+
+    /// Takes the next event and does the bookkeeping for it.
+    fn next_event(&mut self, cx: &mut Cx) -> Option<SatelliteEvent> {
+        let event = self.core.as_mut()?.next_event()?;
+        match &event {
+            SatelliteEvent::Ready => self.restore(cx),
+            SatelliteEvent::Created { channel, name, .. } => {
+                if let Some(own) = self.own.get_mut(own_name(name)) {
+                    own.channel = Some(*channel);
+                }
+            }
+            SatelliteEvent::ChannelRemoved(info) => {
+                self.heard.remove(&info.channel);
+            }
+            _ => {}
+        }
+        Some(event)
+    }
+
+    fn restore(&mut self, cx: &mut Cx) {
+        self.reconnect_after = RECONNECT_FIRST;
+        self.ever_ready = true;
+        let Some(core) = &mut self.core else { return };
+        for (name, own) in &self.own {
+            if let Err(error) = core.create(name, &own.properties) {
+                tracing::error!("channel {name} cannot be opened: {error}");
+            }
+        }
+        for (name, depth) in &self.wanted {
+            if let Err(error) = core.subscribe(name, *depth) {
+                tracing::error!("channel {name} cannot be subscribed to: {error}");
+            }
+        }
+        self.flush_later(cx);
+    }
+
+    fn own_name_of(&self, channel: ChannelRef) -> Option<String> {
+        let found = self.own.iter().find(|(_, own)| own.channel == Some(channel));
+        found.map(|(name, _)| name.clone())
+    }
+
+    /// Looked up once per channel, so that a message costs no copy of its channel's description.
+    fn heard_channel(&mut self, channel: ChannelRef) -> Option<Rc<ChannelInfo>> {
+        if let Some(info) = self.heard.get(&channel) {
+            return Some(info.clone());
+        }
+        let info = Rc::new(self.core.as_ref()?.channel_of(channel)?.clone());
+        self.heard.insert(channel, info.clone());
+        Some(info)
+    }
+
+    // ---- commands ----
+
+    fn open(&mut self, cx: &mut Cx, name: &str, properties: SkVariant) -> Result<(), SatelliteError> {
+        sk_flat::Name::new(name)?;
+        if self.own.contains_key(name) {
+            // Opened before, by a module that was restarted: the channel and its listeners are kept.
+            return Ok(());
+        }
+        if let Some(core) = self.core.as_mut().filter(|core| core.is_ready()) {
+            core.create(name, &properties)?;
+        }
+        self.own.insert(name.to_owned(), Own { properties, channel: None });
+        self.flush_later(cx);
+        Ok(())
+    }
+
+    fn publish(&mut self, cx: &mut Cx, name: &str, payload: impl FnOnce() -> Option<Bytes>) -> bool {
+        let Some(own) = self.own.get(name) else { return false };
+        let (Some(core), Some(channel)) = (&mut self.core, own.channel) else {
+            self.losses += 1;
+            return false;
+        };
+        if !core.is_listened(channel) {
+            return false;
+        }
+        let sent = payload().is_some_and(|payload| core.publish(channel, payload) == Ok(true));
+        if !sent {
+            self.losses += 1;
+        }
+        self.flush_later(cx);
+        sent
+    }
+}
+
+/// `user.name` without the user.
+fn own_name(full: &str) -> &str {
+    full.split_once('.').map_or(full, |(_, name)| name)
+}
+
+/// The link is ready.
+fn serve(cx: &mut Cx, satellite: ObjectId, readiness: Readiness) -> bool {
+    let satellite = Handle::<SkFlowSat>::new(satellite);
+    let turn = cx.with(satellite, |satellite, cx| satellite.serve(cx, readiness));
+    // Events first: a hub says why before it ends a connection.
+    tell_events(cx, satellite);
+    let turn = turn.unwrap_or(Turn::Done);
+    if turn == Turn::Over {
+        // A satellite that was destroyed by its own event needs no way back.
+        let _ = cx
+            .with(satellite, |satellite, cx| satellite.break_link(cx, "the hub ended the connection".into()));
+    }
+    turn == Turn::More
+}
+
+fn flush(cx: &mut Cx, satellite: ObjectId) {
+    // One that was buried meanwhile has flushed in its hook.
+    let _ = cx.with(Handle::<SkFlowSat>::new(satellite), |satellite, cx| satellite.flush(cx));
+}
+
+/// Emits what the hub said, unleased: a slot may publish on the satellite that called it.
+fn tell_events(cx: &mut Cx, satellite: Handle<SkFlowSat>) {
+    while let Ok(Some(event)) = cx.with(satellite, |satellite, cx| satellite.next_event(cx)) {
+        tell(cx, satellite, event);
+    }
+    let _ = cx.with(satellite, |satellite, cx| satellite.flush_later(cx));
+}
+
+fn tell(cx: &mut Cx, satellite: Handle<SkFlowSat>, event: SatelliteEvent) {
+    match event {
+        SatelliteEvent::Ready => cx.emit_own(satellite, |s| &s.ready, &()),
+        SatelliteEvent::ChannelAdded(info) => cx.emit_own(satellite, |s| &s.channel_added, &info),
+        SatelliteEvent::ChannelRemoved(info) => cx.emit_own(satellite, |s| &s.channel_removed, &info),
+        SatelliteEvent::StartPublishing(channel) => {
+            if let Ok(Some(name)) = cx.with(satellite, |s, _| s.own_name_of(channel)) {
+                cx.emit_own(satellite, |s| &s.start_publishing, &name);
+            }
+        }
+        SatelliteEvent::StopPublishing(channel) => {
+            if let Ok(Some(name)) = cx.with(satellite, |s, _| s.own_name_of(channel)) {
+                cx.emit_own(satellite, |s| &s.stop_publishing, &name);
+            }
+        }
+        SatelliteEvent::Message { channel, payload } => {
+            if let Ok(Some(info)) = cx.with(satellite, |s, _| s.heard_channel(channel)) {
+                cx.emit_own(satellite, |s| &s.message, &FlowMessage::new(info, payload));
+            }
+        }
+        SatelliteEvent::Dropped { channel, reason, total } => {
+            let name = cx.with(satellite, |s, _| Some(s.core.as_ref()?.channel_of(channel)?.name.clone()));
+            if let Ok(Some(name)) = name {
+                let reason = reason.map_or_else(|| "unknown".to_owned(), |reason| reason.to_string());
+                cx.emit_own(satellite, |s| &s.dropped, &(name, reason, total));
+            }
+        }
+        SatelliteEvent::Refused { text, .. } => cx.emit_own(satellite, |s| &s.refused, &text),
+        SatelliteEvent::Closing { text, .. } => cx.emit_own(satellite, |s| &s.refused, &text),
+        _ => {}
+    }
+}
+
+impl Handle<SkFlowSat> {
+    /// Opens a streaming channel of this satellite's, now or as soon as there is a hub; one that is open stays
+    /// as it is. The hub calls it `account.name`. Properties say what flows: `unit`, `format`, `rate`, `doc` …
+    ///
+    /// # Errors
+    /// If the name or the properties cannot be, or the satellite is gone.
+    pub fn open(self, cx: &mut Cx, name: &str, properties: impl IntoVariant) -> io::Result<()> {
+        let properties = properties.into_variant();
+        cx.with(self, |satellite, cx| satellite.open(cx, name, properties))
+            .map_err(io::Error::other)?
+            .map_err(io::Error::other)
+    }
+
+    /// Publishes a value as a variant, on a channel that is opened if it is not yet. Answers whether it was
+    /// sent: nothing is encoded or sent while nobody listens.
+    pub fn publish(self, cx: &mut Cx, name: &str, value: impl IntoVariant) -> bool {
+        self.ensure_open(cx, name, "variant")
+            && cx
+                .with(self, |satellite, cx| {
+                    satellite.publish(cx, name, || value.into_variant().encode().ok().map(Bytes::from))
+                })
+                .unwrap_or(false)
+    }
+
+    /// Publishes bytes as they are; they are not copied.
+    pub fn publish_bytes(self, cx: &mut Cx, name: &str, payload: impl Into<Bytes>) -> bool {
+        self.ensure_open(cx, name, "bytes")
+            && cx
+                .with(self, |satellite, cx| satellite.publish(cx, name, || Some(payload.into())))
+                .unwrap_or(false)
+    }
+
+    fn ensure_open(self, cx: &mut Cx, name: &str, format: &str) -> bool {
+        let opened = cx.with(self, |satellite, cx| {
+            if satellite.own.contains_key(name) {
+                return true;
+            }
+            let properties = SkVariant::map([("format", format.into())]);
+            match satellite.open(cx, name, properties) {
+                Ok(()) => true,
+                Err(error) => {
+                    tracing::error!("channel {name} cannot be opened: {error}");
+                    false
+                }
+            }
+        });
+        opened.unwrap_or(false)
+    }
+
+    /// Whether somebody listens to a channel of this satellite's own.
+    pub fn is_listened(self, cx: &mut Cx, name: &str) -> bool {
+        let listened = cx.with(self, |satellite, _| {
+            let channel = satellite.own.get(name)?.channel?;
+            Some(satellite.core.as_ref()?.is_listened(channel))
+        });
+        matches!(listened, Ok(Some(true)))
+    }
+
+    /// Hears a channel, by its full name, now or as soon as it exists.
+    ///
+    /// # Errors
+    /// If the name cannot be, or the satellite is gone.
+    pub fn subscribe(self, cx: &mut Cx, full_name: &str) -> io::Result<()> {
+        self.change_wish(cx, full_name, true)
+    }
+
+    /// Hears a channel no more.
+    ///
+    /// # Errors
+    /// If the name cannot be, or the satellite is gone.
+    pub fn unsubscribe(self, cx: &mut Cx, full_name: &str) -> io::Result<()> {
+        self.change_wish(cx, full_name, false)
+    }
+
+    fn change_wish(self, cx: &mut Cx, full_name: &str, wanted: bool) -> io::Result<()> {
+        let changed = cx.with(self, |satellite, cx| {
+            sk_flat::Name::new(full_name)?;
+            if wanted {
+                satellite.wanted.insert(full_name.to_owned(), 0);
+            } else {
+                satellite.wanted.remove(full_name);
+            }
+            if let Some(core) = satellite.core.as_mut().filter(|core| core.is_ready()) {
+                if wanted { core.subscribe(full_name, 0)? } else { core.unsubscribe(full_name)? }
+            }
+            satellite.flush_later(cx);
+            Ok::<(), SatelliteError>(())
+        });
+        changed.map_err(io::Error::other)?.map_err(io::Error::other)
+    }
+
+    /// All channels of the hub, by name; none while there is no link.
+    pub fn channels(self, cx: &mut Cx) -> Vec<ChannelInfo> {
+        let known = cx.with(self, |satellite, _| {
+            satellite
+                .core
+                .as_ref()
+                .map(|core| core.channels().cloned().collect())
+                .unwrap_or_default()
+        });
+        known.unwrap_or_default()
+    }
+
+    /// The same satellite for one module: its channels' names begin with the module's.
+    pub fn flow(self, module: &str) -> Flow {
+        Flow::new(self, module)
+    }
+}

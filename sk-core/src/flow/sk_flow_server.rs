@@ -1,0 +1,388 @@
+//! The hub's server as an object: listeners and links around a [`ServerCore`].
+
+use super::server::{ConnectionId, Notice, Origin, ServerCore, Settings, TooManyConnections};
+use super::transport::{Broken, Core, Link, PipeEnd, PipeSeed, TURN_BYTES_MAX, Turn};
+use super::{Encoded, HubAddress, Rights};
+use crate::eventloop::Timer;
+use crate::object::{Access, Handle, ObjectId};
+use crate::signal::Signal;
+use crate::world::{Endpoint, Listener, Readiness, Stream, Token};
+use crate::{Cx, attach};
+use rustc_hash::FxHashMap;
+use sk_flat::{Instant, Name};
+use std::io::{self, ErrorKind, IoSlice};
+use std::time::Duration;
+
+/// How many connections one listener takes in one turn.
+const ACCEPTS_PER_TURN_MAX: usize = 64;
+/// How long a listener waits when the process is out of descriptors.
+const ACCEPT_AGAIN_AFTER: Duration = Duration::from_millis(100);
+/// How often deadlines are looked at.
+const CHECK_EVERY: Duration = Duration::from_millis(250);
+
+/// The hub's server (`SkFlowServer` of the papers): it listens, serves every kind of connection and keeps the
+/// channels. All of it lives on one loop.
+///
+/// ```
+/// use sk_core::flow::{SkFlowServer, server::Settings};
+/// use sk_core::prelude::*;
+///
+/// let mut app = SkApp::builder().mode(TimingMode::SelectIo).build()?;
+/// let settings = Settings { user: "robot".parse()?, token: None, owner_uid: None };
+/// let server = SkFlowServer::start(app.cx(), settings);
+/// let address = server.listen(app.cx(), &"tcp:127.0.0.1:0".parse()?)?;
+/// assert!(address.to_string().starts_with("tcp:127.0.0.1:"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub struct SkFlowServer {
+    core: ServerCore,
+    listeners: FxHashMap<Token, Box<dyn Listener>>,
+    links: FxHashMap<Token, Served>,
+    tokens: FxHashMap<ConnectionId, Token>,
+    /// Links that stay unread until their connection wants more.
+    held: Vec<Token>,
+    /// Links whose peers would take more than one round's writes.
+    unfinished: Vec<Token>,
+    out_of_descriptors: bool,
+    flush_asked: bool,
+    work_token: Token,
+    room: Vec<u8>,
+    /// A satellite logged in; carries its account.
+    pub logged_in: Signal<String>,
+    /// A channel was opened; carries its full name.
+    pub channel_added: Signal<String>,
+    /// A channel was closed; carries its full name.
+    pub channel_removed: Signal<String>,
+}
+
+struct Served {
+    connection: ConnectionId,
+    link: Option<Link>,
+    waiting: Option<Encoded>,
+}
+
+crate::object! {
+    pub SkFlowServer {
+        signals { logged_in(String) channel_added(String) channel_removed(String) }
+        slots { on_check() }
+        hooks { on_destroy }
+    }
+}
+
+/// The core of one connection, as its link sees it.
+struct Side<'a> {
+    core: &'a mut ServerCore,
+    id: ConnectionId,
+    now: Instant,
+    waiting: &'a mut Option<Encoded>,
+}
+
+impl Core for Side<'_> {
+    fn wants_input(&self) -> bool {
+        self.core.wants_input(self.id)
+    }
+    fn bytes(&mut self, bytes: &[u8]) -> Result<(), Broken> {
+        self.core.receive(self.id, bytes, self.now);
+        self.core.connection(self.id).map(|_| ()).ok_or(Broken)
+    }
+    fn frame(&mut self, frame: Encoded) -> Result<(), Broken> {
+        self.core.accept(self.id, frame, self.now);
+        self.core.connection(self.id).map(|_| ()).ok_or(Broken)
+    }
+    fn has_output(&self) -> bool {
+        self.core.has_output(self.id)
+    }
+    fn slices(&mut self, parts_max: usize) -> Vec<IoSlice<'_>> {
+        self.core.slices(self.id, parts_max)
+    }
+    fn wrote(&mut self, count: usize) {
+        self.core.wrote(self.id, count, self.now);
+    }
+    fn take(&mut self) -> Option<Encoded> {
+        self.core.take(self.id)
+    }
+    fn put_back(&mut self, frame: Encoded) {
+        *self.waiting = Some(frame);
+    }
+    fn put_back_first(&mut self) -> Option<Encoded> {
+        self.waiting.take()
+    }
+}
+
+impl SkFlowServer {
+    /// A server with nobody connected, that listens nowhere yet.
+    pub fn start(cx: &mut Cx, settings: Settings) -> Handle<SkFlowServer> {
+        cx.named("flow_server").spawn_with(|cx, this: Handle<SkFlowServer>| {
+            let timer = cx.under(this).spawn(Timer::default());
+            attach!(cx, timer.timeout => this.on_check);
+            // The timer was made just now and is no more gone than this object.
+            let _ = timer.start(cx, CHECK_EVERY);
+            SkFlowServer {
+                core: ServerCore::new(settings, cx.now()),
+                listeners: FxHashMap::default(),
+                links: FxHashMap::default(),
+                tokens: FxHashMap::default(),
+                held: Vec::new(),
+                unfinished: Vec::new(),
+                out_of_descriptors: false,
+                flush_asked: false,
+                work_token: cx.add_source(this.id(), work),
+                room: vec![0; TURN_BYTES_MAX],
+                logged_in: Signal::new(),
+                channel_added: Signal::new(),
+                channel_removed: Signal::new(),
+            }
+        })
+    }
+
+    /// The hub without its sockets: channels, connections, counts.
+    pub fn core(&self) -> &ServerCore {
+        &self.core
+    }
+
+    fn on_check(&mut self, cx: &mut Cx) {
+        self.core.tick(cx.now());
+        self.after(cx);
+    }
+
+    fn on_destroy(&mut self, cx: &mut Cx) {
+        self.core.shut_down(cx.now());
+        self.flush(cx);
+        for (_, served) in self.links.drain() {
+            if let Some(link) = served.link {
+                link.close(cx);
+            }
+        }
+    }
+
+    fn accept(&mut self, cx: &mut Cx, at: Token) -> bool {
+        let this = cx.this(self);
+        for _ in 0..ACCEPTS_PER_TURN_MAX {
+            let Some(listener) = self.listeners.get_mut(&at) else { return false };
+            let token = cx.add_source(this.id(), serve);
+            match listener.accept(token) {
+                Ok(stream) => self.take_in(cx, token, stream),
+                Err(error) => {
+                    cx.remove_source(token);
+                    match error.kind() {
+                        ErrorKind::WouldBlock => return false,
+                        // The peer has gone again between its arrival and now.
+                        ErrorKind::ConnectionAborted | ErrorKind::Interrupted => {}
+                        _ => {
+                            self.pause_accepting(cx, at, &error);
+                            return false;
+                        }
+                    }
+                }
+            }
+        }
+        true
+    }
+
+    /// Out of descriptors: the waiting connection is not reported again, and asking at once would spin.
+    fn pause_accepting(&mut self, cx: &mut Cx, at: Token, error: &io::Error) {
+        if !std::mem::replace(&mut self.out_of_descriptors, true) {
+            tracing::error!("connections cannot be taken in for now: {error}");
+        }
+        cx.offer_source_after(at, ACCEPT_AGAIN_AFTER);
+    }
+
+    fn take_in(&mut self, cx: &mut Cx, token: Token, stream: Box<dyn Stream>) {
+        self.out_of_descriptors = false;
+        let origin = match (stream.peer_uid(), stream.peer()) {
+            (Some(uid), _) => Origin::Unix { uid },
+            (None, Some(Endpoint::Ip(at))) => Origin::Network(at.ip()),
+            _ => {
+                // A peer that is gone has no address any more.
+                cx.remove_source(token);
+                return;
+            }
+        };
+        let mut nonce = [0; 32];
+        cx.world().rng.fill(&mut nonce);
+        match self.core.open(origin, nonce, cx.now()) {
+            Ok(connection) => self.enlist(token, connection, Link::Socket(stream)),
+            Err(TooManyConnections) => cx.remove_source(token),
+        }
+        self.after(cx);
+    }
+
+    fn enlist(&mut self, token: Token, connection: ConnectionId, link: Link) {
+        self.tokens.insert(connection, token);
+        self.links.insert(token, Served { connection, link: Some(link), waiting: None });
+    }
+
+    fn serve(&mut self, cx: &mut Cx, readiness: Readiness) -> bool {
+        let token = readiness.token;
+        if self.listeners.contains_key(&token) {
+            return self.accept(cx, token);
+        }
+        let now = cx.now();
+        let Some(served) = self.links.get_mut(&token) else { return false };
+        let id = served.connection;
+        let Some(mut link) = served.link.take() else { return false };
+        let mut side = Side { core: &mut self.core, id, now, waiting: &mut served.waiting };
+        let mut turn = Turn::Done;
+        if readiness.writable {
+            turn = link.write(cx, &mut side);
+        }
+        if turn != Turn::Over && readiness.readable {
+            turn = link.read(cx, &mut side, &mut self.room);
+        }
+        served.link = Some(link);
+        match turn {
+            Turn::Over => self.core.left(id, now),
+            Turn::Held => self.held.push(token),
+            Turn::Done | Turn::More => {}
+        }
+        self.after(cx);
+        turn == Turn::More
+    }
+
+    /// What follows from whatever happened to the core.
+    fn after(&mut self, cx: &mut Cx) {
+        while let Some(notice) = self.core.next_notice() {
+            self.on_notice(cx, notice);
+        }
+        let core = &self.core;
+        let links = &self.links;
+        self.held.retain(|&token| {
+            let Some(served) = links.get(&token) else { return false };
+            let wants = core.wants_input(served.connection);
+            if wants {
+                cx.offer_source(token);
+            }
+            !wants
+        });
+        if self.core.has_work() {
+            cx.offer_source(self.work_token);
+        }
+        if !self.flush_asked && (self.core.has_dirty() || !self.unfinished.is_empty()) {
+            self.flush_asked = true;
+            let this = cx.this(self);
+            cx.write_later(this.id(), flush);
+        }
+    }
+
+    fn on_notice(&mut self, cx: &mut Cx, notice: Notice) {
+        match notice {
+            Notice::LoggedIn { user, connection } => {
+                tracing::debug!(%connection, %user, "logged in");
+                self.logged_in.emit(cx, user.to_string());
+            }
+            Notice::Ended { connection, ending } => {
+                tracing::debug!(%connection, ?ending, "connection ended");
+                if let Some(token) = self.tokens.remove(&connection) {
+                    cx.remove_source(token);
+                    if let Some(Served { link: Some(link), .. }) = self.links.remove(&token) {
+                        link.close(cx);
+                    }
+                }
+            }
+            Notice::ChannelAdded { name, .. } => self.channel_added.emit(cx, name.to_string()),
+            Notice::ChannelRemoved { name, .. } => self.channel_removed.emit(cx, name.to_string()),
+            _ => {}
+        }
+    }
+
+    /// Step 7: what the round has gathered for each connection goes out in vectored writes.
+    fn flush(&mut self, cx: &mut Cx) {
+        self.flush_asked = false;
+        let now = cx.now();
+        let mut tokens = std::mem::take(&mut self.unfinished);
+        let dirty = self.core.take_dirty();
+        tokens.extend(dirty.iter().filter_map(|id| self.tokens.get(id)));
+        for token in tokens {
+            let Some(served) = self.links.get_mut(&token) else { continue };
+            let id = served.connection;
+            let Some(mut link) = served.link.take() else { continue };
+            let mut side = Side { core: &mut self.core, id, now, waiting: &mut served.waiting };
+            let turn = link.write(cx, &mut side);
+            served.link = Some(link);
+            match turn {
+                Turn::Over => self.core.left(id, now),
+                Turn::More => self.unfinished.push(token),
+                Turn::Done | Turn::Held => {}
+            }
+        }
+        self.after(cx);
+    }
+}
+
+/// A listener or a connection is ready.
+fn serve(cx: &mut Cx, server: ObjectId, readiness: Readiness) -> bool {
+    cx.with(Handle::<SkFlowServer>::new(server), |server, cx| server.serve(cx, readiness))
+        .unwrap_or(false)
+}
+
+/// Commands wait for their turn.
+fn work(cx: &mut Cx, server: ObjectId, _readiness: Readiness) -> bool {
+    let worked = cx.with(Handle::<SkFlowServer>::new(server), |server, cx| {
+        let more = server.core.work(cx.now());
+        server.after(cx);
+        more
+    });
+    worked.unwrap_or(false)
+}
+
+fn flush(cx: &mut Cx, server: ObjectId) {
+    // A server that was buried meanwhile has flushed in its hook.
+    let _ = cx.with(Handle::<SkFlowServer>::new(server), |server, cx| server.flush(cx));
+}
+
+impl Handle<SkFlowServer> {
+    /// Listens at an address; answers where, with the port that was chosen for port 0. A Unix socket's file
+    /// is only the owner's.
+    ///
+    /// # Errors
+    /// If the address is taken or may not be used, or the server is gone.
+    pub fn listen(self, cx: &mut Cx, at: &HubAddress) -> io::Result<HubAddress> {
+        let token = cx.add_source(self.id(), serve);
+        let listener = match cx.world().net.listen(&at.endpoint(), token) {
+            Ok(listener) => listener,
+            Err(error) => {
+                cx.remove_source(token);
+                return Err(error);
+            }
+        };
+        let local = HubAddress::from(&listener.local());
+        cx.with(self, |server, _| server.listeners.insert(token, listener))
+            .map_err(io::Error::other)?;
+        Ok(local)
+    }
+
+    /// Makes a connection inside the process; the seed becomes a satellite's link, on this loop or another
+    /// thread's. It logs in as the owner's account with these rights.
+    ///
+    /// # Errors
+    /// If the hub is full or the server gone.
+    pub fn pipe(self, cx: &mut Cx, rights: Rights) -> io::Result<PipeSeed> {
+        let token = cx.add_source(self.id(), serve);
+        let (near, far) = PipeEnd::pair();
+        near.serve_by(cx, token);
+        let mut nonce = [0; 32];
+        cx.world().rng.fill(&mut nonce);
+        let opened = cx.with(self, |server, cx| {
+            let connection = server.core.open(Origin::Inside { rights }, nonce, cx.now())?;
+            server.enlist(token, connection, Link::Pipe(near));
+            server.after(cx);
+            Ok::<(), TooManyConnections>(())
+        });
+        opened.map_err(io::Error::other)?.map_err(io::Error::other)?;
+        Ok(far)
+    }
+
+    /// The names of all channels with their subscribers' number, by identifier.
+    ///
+    /// # Errors
+    /// If the server is gone, or one of its slots is running.
+    pub fn channels(self, cx: &mut Cx) -> Result<Vec<(Name, usize)>, Access> {
+        cx.with(self, |server, _| {
+            server
+                .core
+                .channels()
+                .map(|(channel, listeners)| (channel.name.clone(), listeners))
+                .collect()
+        })
+    }
+}

@@ -1,0 +1,139 @@
+//! A connection inside the process: whole frames through bounded queues, no payload byte copied.
+//!
+//! The hub and a module may share a loop or sit on two threads. Either way frames are taken in step 4 of a
+//! round, like socket input, and never by a direct call.
+
+use crate::Cx;
+use crate::flow::Encoded;
+use crate::thread::{Mailbox, Message};
+use crate::world::Token;
+use crossbeam_channel::{Receiver, Sender, TryRecvError, TrySendError};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
+
+/// How many frames wait in each direction.
+const FRAMES_WAITING_MAX: usize = 256;
+
+/// How to make one end look at its queue.
+struct Bell {
+    place: OnceLock<(Arc<Mailbox>, Token)>,
+    rung: AtomicBool,
+    /// The other end waits for room.
+    wanted: AtomicBool,
+}
+
+impl Bell {
+    fn new() -> Arc<Bell> {
+        Arc::new(Bell {
+            place: OnceLock::new(),
+            rung: AtomicBool::new(false),
+            wanted: AtomicBool::new(false),
+        })
+    }
+
+    /// Rung once until it is heard, however many frames go by.
+    fn ring(&self, cx: &mut Cx) {
+        let Some((mailbox, token)) = self.place.get() else { return };
+        if self.rung.swap(true, Ordering::AcqRel) {
+            return;
+        }
+        let token = *token;
+        if cx.is_my_mailbox(mailbox) {
+            cx.offer_source(token);
+        } else {
+            // A loop that has ended hears nothing any more; this end finds the queue closed.
+            let _ = mailbox.post_anyway(Message::Settle(Box::new(move |cx| cx.offer_source(token))));
+        }
+    }
+}
+
+/// One end of a pipe.
+pub(crate) struct PipeEnd {
+    sender: Sender<Encoded>,
+    receiver: Receiver<Encoded>,
+    mine: Arc<Bell>,
+    other: Arc<Bell>,
+}
+
+/// The satellite's end of a pipe on its way to its loop. `Send`.
+pub struct PipeSeed(PipeEnd);
+
+/// What [`PipeEnd::take`] found.
+pub(crate) enum Taken {
+    Frame(Encoded),
+    Nothing,
+    Closed,
+}
+
+impl PipeEnd {
+    /// Two ends; the second is sent to the satellite's loop.
+    pub(crate) fn pair() -> (PipeEnd, PipeSeed) {
+        let (to_satellite, from_hub) = crossbeam_channel::bounded(FRAMES_WAITING_MAX);
+        let (to_hub, from_satellite) = crossbeam_channel::bounded(FRAMES_WAITING_MAX);
+        let (hub, satellite) = (Bell::new(), Bell::new());
+        let near = PipeEnd {
+            sender: to_satellite,
+            receiver: from_satellite,
+            mine: hub.clone(),
+            other: satellite.clone(),
+        };
+        let far = PipeEnd { sender: to_hub, receiver: from_hub, mine: satellite, other: hub };
+        (near, PipeSeed(far))
+    }
+
+    /// From now on this end is served by that source.
+    pub(crate) fn serve_by(&self, cx: &mut Cx, token: Token) {
+        let place = (cx.own_mailbox(), token);
+        // An end is placed once, by whoever grows it.
+        let _ = self.mine.place.set(place);
+        // What came before is looked at now.
+        cx.offer_source(token);
+    }
+
+    /// To be called when the source is served, before frames are taken.
+    pub(crate) fn heard(&self) {
+        self.mine.rung.store(false, Ordering::Release);
+    }
+
+    /// Sends a frame, or gives it back if there is no room: the source is served again when there is.
+    pub(crate) fn send(&self, cx: &mut Cx, frame: Encoded) -> Result<(), Option<Encoded>> {
+        match self.sender.try_send(frame) {
+            Ok(()) => {
+                self.other.ring(cx);
+                Ok(())
+            }
+            Err(TrySendError::Full(frame)) => {
+                self.mine.wanted.store(true, Ordering::Release);
+                self.other.ring(cx);
+                Err(Some(frame))
+            }
+            Err(TrySendError::Disconnected(_)) => Err(None),
+        }
+    }
+
+    pub(crate) fn take(&self, cx: &mut Cx) -> Taken {
+        match self.receiver.try_recv() {
+            Ok(frame) => {
+                if self.other.wanted.swap(false, Ordering::AcqRel) {
+                    self.other.ring(cx);
+                }
+                Taken::Frame(frame)
+            }
+            Err(TryRecvError::Empty) => Taken::Nothing,
+            Err(TryRecvError::Disconnected) => Taken::Closed,
+        }
+    }
+
+    /// Tells the other end, which then finds the queue closed.
+    pub(crate) fn close(self, cx: &mut Cx) {
+        let PipeEnd { sender, receiver, other, .. } = self;
+        drop((sender, receiver));
+        other.ring(cx);
+    }
+}
+
+impl PipeSeed {
+    pub(crate) fn grow(self) -> PipeEnd {
+        self.0
+    }
+}

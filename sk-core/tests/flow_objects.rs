@@ -1,0 +1,203 @@
+//! Server and satellites as objects: over sockets, over pipes, in the real and the simulated world.
+
+use sk_core::flow::server::Settings;
+use sk_core::flow::{FlowMessage, HubAddress, Rights, SkFlowSat, SkFlowServer};
+use sk_core::prelude::*;
+use sk_core::testing::{Simulation, USER_ID};
+use sk_core::{SkVariant, attach};
+
+fn settings(uid: u32) -> Settings {
+    Settings { user: "robot".parse().unwrap(), token: None, owner_uid: Some(uid) }
+}
+
+/// Publishes a rising number on every tick.
+struct Source {
+    hub: Handle<SkFlowSat>,
+    count: i64,
+}
+impl Source {
+    fn tick(&mut self, cx: &mut Cx) {
+        if self.hub.publish(cx, "count", self.count) {
+            self.count += 1;
+        }
+    }
+}
+object! { Source { slots { tick() } } }
+
+#[derive(Default)]
+struct Sink {
+    values: Vec<i64>,
+    quit_after: usize,
+    names: Vec<String>,
+}
+impl Sink {
+    fn hear(&mut self, cx: &mut Cx, message: &FlowMessage) -> Result<(), sk_flat::VariantError> {
+        self.names.push(message.name().to_owned());
+        self.values.push(i64::try_from(&message.value()?)?);
+        if self.values.len() == self.quit_after {
+            cx.quit();
+        }
+        Ok(())
+    }
+}
+object! { Sink { slots { hear(&FlowMessage) } } }
+
+fn publish_and_hear(cx: &mut Cx, source_hub: Handle<SkFlowSat>, sink_hub: Handle<SkFlowSat>) -> Handle<Sink> {
+    let source = cx.spawn(Source { hub: source_hub, count: 0 });
+    attach!(cx, cx.fast_zone().pulse => source.tick);
+    let sink = cx.spawn(Sink { quit_after: 10, ..Sink::default() });
+    sink_hub.subscribe(cx, "robot.count").unwrap();
+    attach!(cx, sink_hub.message => sink.hear);
+    sink
+}
+
+fn check(app: &mut SkApp, sink: Handle<Sink>) {
+    app.cx()
+        .with(sink, |sink, _| {
+            assert_eq!(sink.values, (0..10).collect::<Vec<i64>>());
+            assert!(sink.names.iter().all(|name| name == "robot.count"));
+        })
+        .unwrap();
+}
+
+fn over_sockets(app: &mut SkApp, at: HubAddress, uid: u32, run: impl FnOnce(&mut SkApp)) {
+    let cx = app.cx();
+    let server = SkFlowServer::start(cx, settings(uid));
+    let address = server.listen(cx, &at).unwrap();
+    let (a, b) = (SkFlowSat::connect(cx, &address), SkFlowSat::connect(cx, &address));
+    let sink = publish_and_hear(cx, a, b);
+    run(app);
+    check(app, sink);
+}
+
+#[test]
+fn satellites_talk_over_a_unix_socket() {
+    let path = std::env::temp_dir().join(format!("sk-flow-objects-{}.sock", std::process::id()));
+    let mut app = SkApp::builder()
+        .mode(TimingMode::SelectIo)
+        .interval(Duration::from_millis(2))
+        .build()
+        .unwrap();
+    over_sockets(&mut app, HubAddress::Unix(path), nix::unistd::getuid().as_raw(), |app| {
+        app.run();
+    });
+}
+
+#[test]
+fn satellites_talk_in_a_simulated_world_and_repeat_exactly() {
+    let run = |seed| {
+        let simulation = Simulation::new(seed);
+        let mut app = simulation.app_with(|settings| settings.mode = TimingMode::SelectIo);
+        over_sockets(&mut app, HubAddress::Unix("/hub".into()), USER_ID, |app| {
+            simulation.run_for(app, Duration::from_secs(5));
+        });
+        simulation.trace_hash()
+    };
+    assert_eq!(run(1), run(1));
+}
+
+#[test]
+fn modules_on_the_hubs_own_loop_talk_through_pipes_without_extra_ticks() {
+    let simulation = Simulation::new(3);
+    let mut app = simulation.app_with(|settings| settings.mode = TimingMode::SelectIo);
+    let cx = app.cx();
+    let server = SkFlowServer::start(cx, settings(USER_ID));
+    let (a, b) = (server.pipe(cx, Rights::ALL).unwrap(), server.pipe(cx, Rights::ALL).unwrap());
+    let (a, b) = (SkFlowSat::inside(cx, a), SkFlowSat::inside(cx, b));
+    let sink = publish_and_hear(cx, a, b);
+    simulation.run_for(&mut app, Duration::from_secs(5));
+    check(&mut app, sink);
+    let ticks = app.cx().stats().ticks;
+    assert!(ticks <= 40, "publishing in a pulse must not make the loop pulse faster: {ticks} ticks");
+}
+
+#[test]
+fn a_module_on_a_thread_of_its_own_talks_through_a_pipe() {
+    let mut app = SkApp::builder()
+        .mode(TimingMode::SelectIo)
+        .interval(Duration::from_millis(2))
+        .build()
+        .unwrap();
+    let cx = app.cx();
+    let server = SkFlowServer::start(cx, settings(USER_ID));
+    let (a, b) = (server.pipe(cx, Rights::ALL).unwrap(), server.pipe(cx, Rights::ALL).unwrap());
+    let thread = SkThread::new("module").start(cx).unwrap();
+    thread
+        .build(move |cx| {
+            let hub = SkFlowSat::inside(cx, a);
+            let source = cx.spawn(Source { hub, count: 0 });
+            attach!(cx, cx.fast_zone().pulse => source.tick);
+        })
+        .unwrap();
+    let b = SkFlowSat::inside(cx, b);
+    let sink = cx.spawn(Sink { quit_after: 10, ..Sink::default() });
+    b.subscribe(cx, "robot.count").unwrap();
+    attach!(cx, b.message => sink.hear);
+    app.run();
+    check(&mut app, sink);
+    thread.stop();
+}
+
+#[derive(Default)]
+struct Watcher {
+    seen: Vec<String>,
+}
+impl Watcher {
+    fn ready(&mut self, _cx: &mut Cx) {
+        self.seen.push("ready".into());
+    }
+    fn lost(&mut self, _cx: &mut Cx, _why: &str) {
+        self.seen.push("lost".into());
+    }
+    fn refused(&mut self, _cx: &mut Cx, why: &str) {
+        self.seen.push(format!("refused: {why}"));
+    }
+}
+object! { Watcher { slots { ready() lost(&str) refused(&str) } } }
+
+#[test]
+fn a_satellite_finds_a_hub_that_comes_back_and_restores_its_channels() {
+    let simulation = Simulation::new(4);
+    let mut app = simulation.app_with(|settings| settings.mode = TimingMode::SelectIo);
+    let cx = app.cx();
+    let at = HubAddress::Unix("/hub".into());
+    let satellite = SkFlowSat::connect(cx, &at);
+    satellite.open(cx, "count", SkVariant::map([("unit", "1".into())])).unwrap();
+    let watcher = cx.spawn(Watcher::default());
+    attach!(cx, satellite.ready => watcher.ready);
+    attach!(cx, satellite.lost => watcher.lost);
+    simulation.run_for(&mut app, Duration::from_secs(1));
+    for _ in 0..2 {
+        let cx = app.cx();
+        let server = SkFlowServer::start(cx, settings(USER_ID));
+        server.listen(cx, &at).unwrap();
+        simulation.run_for(&mut app, Duration::from_secs(12));
+        let cx = app.cx();
+        let channels = server.channels(cx).unwrap();
+        assert_eq!(channels.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(), ["robot.count"]);
+        cx.destroy_later(server);
+        simulation.run_for(&mut app, Duration::from_secs(1));
+    }
+    let seen = app.cx().with(watcher, |watcher, _| watcher.seen.clone()).unwrap();
+    let ready = seen.iter().filter(|what| *what == "ready").count();
+    assert_eq!(ready, 2, "{seen:?}");
+    assert!(seen.iter().filter(|what| *what == "lost").count() >= 3, "{seen:?}");
+}
+
+#[test]
+fn s81_a_stranger_is_not_let_in() {
+    let simulation = Simulation::new(5);
+    let mut app = simulation.app_with(|settings| settings.mode = TimingMode::SelectIo);
+    let cx = app.cx();
+    let stranger = settings(USER_ID + 1);
+    let server = SkFlowServer::start(cx, stranger);
+    let address = server.listen(cx, &HubAddress::Unix("/hub".into())).unwrap();
+    let satellite = SkFlowSat::connect(cx, &address);
+    let watcher = cx.spawn(Watcher::default());
+    attach!(cx, satellite.refused => watcher.refused);
+    attach!(cx, satellite.ready => watcher.ready);
+    simulation.run_for(&mut app, Duration::from_secs(1));
+    let seen = app.cx().with(watcher, |watcher, _| watcher.seen.clone()).unwrap();
+    assert!(seen.iter().any(|what| what.starts_with("refused")), "{seen:?}");
+    assert!(!seen.iter().any(|what| what == "ready"));
+}

@@ -1,0 +1,325 @@
+//! The protocol's page and its golden vectors are made from the command table. These tests fail when they
+//! are out of date; with the environment variable `SK_REWRITE` set they write them anew.
+
+use bytes::Bytes;
+use sk_core::flow::definition::Direction;
+use sk_core::flow::delivery::DropReason;
+use sk_core::flow::limits::*;
+use sk_core::flow::login::{NO_PROOF, OwnerToken};
+use sk_core::flow::{
+    ChannelRef, ClosingReason, Command, Definition, Event, Flags, Header, Message, Properties, RefusalCode,
+    Right,
+};
+use sk_flat::{SkVariant, channel_hash};
+use std::collections::BTreeSet;
+use std::fmt::Write as _;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+const BEGIN: &str = "<!-- made from the command table: begin -->\n";
+const END: &str = "<!-- made from the command table: end -->\n";
+
+fn docs(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs").join(name)
+}
+
+fn compare_or_rewrite(path: &Path, found: &str, made: &str) {
+    if found == made {
+        return;
+    }
+    assert!(
+        std::env::var_os("SK_REWRITE").is_some(),
+        "{} is out of date: run this with SK_REWRITE=1",
+        path.display()
+    );
+    fs::write(path, made).expect("the page can be written");
+}
+
+#[test]
+fn the_page_says_what_the_table_says() {
+    let path = docs("flow-protocol.md");
+    let page = fs::read_to_string(&path).expect("the page is there");
+    let (before, rest) = page.split_once(BEGIN).expect("the page has the first marker");
+    let (_, after) = rest.split_once(END).expect("the page has the second marker");
+    compare_or_rewrite(&path, &page, &format!("{before}{BEGIN}{}{END}{after}", generated()));
+}
+
+fn generated() -> String {
+    let mut out = String::new();
+    for (title, table) in
+        [("Commands: client to hub", Command::TABLE), ("Events: hub to client", Event::TABLE)]
+    {
+        let _ = write!(out, "\n### {title}\n\n");
+        out.push_str("| id | name | legal in | right | cost | body at most |\n|---|---|---|---|---|---|\n");
+        table.iter().for_each(|line| summary(&mut out, line));
+        table.iter().for_each(|line| details(&mut out, line));
+    }
+    numbers(
+        &mut out,
+        "Refusal codes",
+        RefusalCode::ALL.iter().map(|(code, name, text)| (code.code(), *name, *text)),
+    );
+    numbers(
+        &mut out,
+        "Closing reasons",
+        ClosingReason::ALL.iter().map(|(code, name, text)| (code.code(), *name, *text)),
+    );
+    numbers(
+        &mut out,
+        "Drop reasons",
+        DropReason::ALL.iter().map(|(code, name, text)| (*code as u16, *name, *text)),
+    );
+    out.push_str("\n### Limits\n\n| limit | value |\n|---|---|\n");
+    for (name, value) in limits() {
+        let _ = writeln!(out, "| {name} | {value} |");
+    }
+    out.push('\n');
+    out
+}
+
+fn states(line: &Definition) -> String {
+    line.states.iter().map(|state| state.to_string()).collect::<Vec<_>>().join(", ")
+}
+
+fn summary(out: &mut String, line: &Definition) {
+    let right = match line.right {
+        Right::Nothing => "–".to_owned(),
+        right => format!("{right:?}").to_lowercase(),
+    };
+    let (id, name, max) = (line.id, line.name, line.bytes_max());
+    let cost =
+        if line.direction == Direction::ClientToHub { line.cost.to_string() } else { "–".to_owned() };
+    let _ = writeln!(out, "| `{id:#04x}` | `{name}` | {} | {right} | {cost} | {max} |", states(line));
+}
+
+fn details(out: &mut String, line: &Definition) {
+    let fragment = if line.fragment { " A fragment: it has flags." } else { "" };
+    let _ = write!(out, "\n#### `{:#04x}` {}\n\n{}{fragment}\n", line.id, line.name, line.meaning.trim());
+    if line.fields.is_empty() {
+        out.push_str("The body is the tag alone.\n");
+        return;
+    }
+    out.push_str("\n| field | type | meaning |\n|---|---|---|\n");
+    for field in line.fields {
+        let _ = writeln!(out, "| `{}` | {} | {} |", field.name, field.wire, field.meaning.trim());
+    }
+}
+
+fn numbers<'a>(out: &mut String, title: &str, rows: impl Iterator<Item = (u16, &'a str, &'a str)>) {
+    let _ = write!(out, "\n### {title}\n\n| number | name | meaning |\n|---|---|---|\n");
+    for (number, name, text) in rows {
+        let _ = writeln!(out, "| {number} | {name} | {} |", text.trim());
+    }
+}
+
+fn limits() -> Vec<(&'static str, String)> {
+    let bytes = |count: usize| format!("{count} bytes");
+    vec![
+        ("body before login", bytes(BODY_BYTES_MAX_BEFORE_LOGIN)),
+        ("fragment payload, largest and default", bytes(FRAGMENT_BYTES_MAX)),
+        ("fragment payload, smallest that may be proposed", bytes(FRAGMENT_BYTES_MIN)),
+        ("message, largest and default", bytes(MESSAGE_BYTES_MAX)),
+        ("unfinished messages of one connection together", bytes(UNFINISHED_BYTES_MAX)),
+        ("string", bytes(TEXT_BYTES_MAX)),
+        ("properties, encoded", bytes(PROPERTIES_BYTES_MAX)),
+        ("channels of a hub", CHANNELS_MAX.to_string()),
+        ("of them only for the hub, the lowest identifiers", CHANNELS_RESERVED_FOR_HUB.to_string()),
+        ("channels of a flow", CHANNELS_PER_FLOW_MAX.to_string()),
+        ("subscriptions of a flow", SUBSCRIPTIONS_PER_FLOW_MAX.to_string()),
+        ("depth of a subscription, default", SUBSCRIPTION_DEPTH_DEFAULT.to_string()),
+        ("depth of a subscription, largest", SUBSCRIPTION_DEPTH_MAX.to_string()),
+        ("waiting for one connection", bytes(CONNECTION_BYTES_MAX)),
+        ("waiting control frames of one connection", bytes(CONTROL_BYTES_MAX)),
+        ("from opening to login", format!("{LOGIN_TIME_MAX:?}")),
+        ("silence before a ping", format!("{PING_AFTER:?}")),
+        ("silence before the end", format!("{SILENCE_MAX:?}")),
+        ("a frame from its first byte to its last", format!("{FRAME_TIME_MAX:?}")),
+    ]
+}
+
+#[test]
+fn the_golden_vectors_are_what_this_build_writes() {
+    let path = docs("flow-vectors.txt");
+    let mut made = String::from(
+        "# Golden vectors of the flow protocol: a name, a space, bytes in hexadecimal.\n\
+         # Names begin with command., event., variant. or login. See flow-protocol.md.\n",
+    );
+    let mut names = BTreeSet::new();
+    for (name, bytes) in vectors() {
+        assert!(names.insert(name.clone()), "{name} stands twice");
+        let hex: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+        let _ = writeln!(made, "{name} {hex}");
+    }
+    let found = fs::read_to_string(&path).unwrap_or_default();
+    compare_or_rewrite(&path, &found, &made);
+}
+
+#[test]
+fn the_fuzz_dictionary_has_the_header_of_every_kind() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz/dictionaries/flow_frame.dict");
+    let mut made = String::from(
+        "# Headers of the flow protocol, for libFuzzer: -dict=fuzz/dictionaries/flow_frame.dict\n",
+    );
+    let mut seen = BTreeSet::new();
+    for (name, bytes) in vectors() {
+        if (name.starts_with("command.") || name.starts_with("event.")) && seen.insert(bytes[0]) {
+            let hex: String = bytes[..6].iter().map(|byte| format!("\\x{byte:02x}")).collect();
+            let _ = writeln!(made, "{}=\"{hex}\"", name.replace('.', "_"));
+        }
+    }
+    compare_or_rewrite(&path, &fs::read_to_string(&path).unwrap_or_default(), &made);
+}
+
+#[test]
+fn every_kind_has_a_vector_that_reads_back() {
+    let mut seen = BTreeSet::new();
+    for (name, bytes) in vectors() {
+        if !name.starts_with("command.") && !name.starts_with("event.") {
+            continue;
+        }
+        let header = Header::parse(&bytes).expect("a header");
+        assert_eq!(header.length as usize + 6, bytes.len(), "{name}");
+        let body = Bytes::from(bytes.clone()).slice(6..);
+        let again = if name.starts_with("command.") {
+            let read = Command::decode(header, body, Bytes::new()).expect("a command");
+            read.message.encode(read.tag, read.flags)
+        } else {
+            let read = Event::decode(header, body, Bytes::new()).expect("an event");
+            read.message.encode(read.tag, read.flags)
+        };
+        assert_eq!(again.to_vec(), bytes, "{name}");
+        seen.insert(header.kind);
+    }
+    let table: BTreeSet<u8> = Command::TABLE.iter().chain(Event::TABLE).map(|line| line.id).collect();
+    assert_eq!(seen, table);
+}
+
+const CHANNEL: ChannelRef = ChannelRef { id: 1024, epoch: 1 };
+const CLIENT_NONCE: [u8; 32] = [1; 32];
+const HUB_NONCE: [u8; 32] = [2; 32];
+
+fn token() -> OwnerToken {
+    OwnerToken::new(std::array::from_fn(|index| index as u8))
+}
+
+fn properties() -> Properties {
+    Properties::new(&SkVariant::map([("unit", "m/s2".into()), ("rate", 100.0.into())])).expect("small")
+}
+
+fn vectors() -> Vec<(String, Vec<u8>)> {
+    let mut vectors = Vec::new();
+    for (tag, command) in commands().into_iter().enumerate() {
+        add(&mut vectors, "command", tag as u32 + 1, Flags::NONE, &command);
+    }
+    for event in events() {
+        add(&mut vectors, "event", 7, Flags::NONE, &event);
+    }
+    let payload = Bytes::from_static(b"pulse");
+    for (name, flags) in fragments() {
+        let payload = if flags == Flags::ABORT { Bytes::new() } else { payload.clone() };
+        let publish = Command::Publish { channel: CHANNEL, message: 9, payload: payload.clone() };
+        vectors.push((format!("command.publish.{name}"), publish.encode(0, flags).to_vec()));
+        let data = Event::Data { channel: CHANNEL, message: 9, payload };
+        vectors.push((format!("event.data.{name}"), data.encode(0, flags).to_vec()));
+    }
+    for (code, name, _) in RefusalCode::ALL {
+        let event = Event::Refused { code: code.code(), text: code.to_string() };
+        vectors.push((format!("event.refused.{name}"), event.encode(7, Flags::NONE).to_vec()));
+    }
+    for (reason, name, _) in ClosingReason::ALL {
+        let event = Event::Closing { reason: reason.code(), text: reason.to_string() };
+        vectors.push((format!("event.closing.{name}"), event.encode(0, Flags::NONE).to_vec()));
+    }
+    for (reason, name, _) in DropReason::ALL {
+        let event = Event::Dropped { channel: CHANNEL, reason: reason as u8, total: 3 };
+        vectors.push((format!("event.dropped.{name}"), event.encode(0, Flags::NONE).to_vec()));
+    }
+    for (name, variant) in variants() {
+        vectors.push((format!("variant.{name}"), variant.encode().expect("small")));
+    }
+    vectors.push(("login.token".into(), (0..32).collect()));
+    vectors.push(("login.client_nonce".into(), CLIENT_NONCE.to_vec()));
+    vectors.push(("login.hub_nonce".into(), HUB_NONCE.to_vec()));
+    vectors.push(("login.client_proof".into(), token().client_proof(&CLIENT_NONCE, &HUB_NONCE).to_vec()));
+    vectors.push(("login.hub_proof".into(), token().hub_proof(&CLIENT_NONCE, &HUB_NONCE).to_vec()));
+    vectors
+}
+
+fn add<M: Message>(vectors: &mut Vec<(String, Vec<u8>)>, side: &str, tag: u32, flags: Flags, message: &M) {
+    vectors.push((format!("{side}.{}", message.definition().name), message.encode(tag, flags).to_vec()));
+}
+
+fn fragments() -> [(&'static str, Flags); 5] {
+    [
+        ("whole", Flags::WHOLE),
+        ("first", Flags::FIRST),
+        ("middle", Flags::NONE),
+        ("last", Flags::LAST),
+        ("abort", Flags::ABORT),
+    ]
+}
+
+fn commands() -> Vec<Command> {
+    let (fragment_bytes, message_bytes) = (FRAGMENT_BYTES_MAX as u32, MESSAGE_BYTES_MAX as u32);
+    let (version, version_oldest, nonce) = (1, 1, CLIENT_NONCE);
+    vec![
+        Command::Hello { magic: MAGIC, version, version_oldest, fragment_bytes, message_bytes, nonce },
+        Command::LoginToken { proof: token().client_proof(&CLIENT_NONCE, &HUB_NONCE) },
+        Command::LoginPeer {},
+        Command::Ping {},
+        Command::Pong {},
+        Command::SetAsync {},
+        Command::ListChannels {},
+        Command::CreateStream { name: "imu".into(), properties: properties() },
+        Command::RemoveChannel { channel: CHANNEL },
+        Command::Subscribe { channel: CHANNEL, depth: 64 },
+        Command::Unsubscribe { channel: CHANNEL },
+    ]
+}
+
+fn events() -> Vec<Event> {
+    let (fragment_bytes, message_bytes) = (FRAGMENT_BYTES_MAX as u32, MESSAGE_BYTES_MAX as u32);
+    let (connection, user, name) = (1 << 32, "robot".to_owned(), "robot.imu".to_owned());
+    let (channel, hash, owner) = (CHANNEL, channel_hash(&name), connection);
+    vec![
+        Event::Welcome { magic: MAGIC, version: 1, fragment_bytes, message_bytes, nonce: HUB_NONCE },
+        Event::LoggedIn {
+            connection,
+            user: user.clone(),
+            proof: token().hub_proof(&CLIENT_NONCE, &HUB_NONCE),
+        },
+        Event::Ping {},
+        Event::Pong {},
+        Event::FlowBegun { channels: 1 },
+        Event::ChannelListed { channel, hash, owner, name: name.clone(), properties: properties() },
+        Event::ListEnd { channels: 1 },
+        Event::ChannelAdded { channel, hash, owner, name, properties: properties() },
+        Event::ChannelRemoved { channel },
+        Event::StartPublishing { channel },
+        Event::StopPublishing { channel },
+        Event::Subscribed { channel },
+        Event::Unsubscribed { channel },
+    ]
+}
+
+fn variants() -> Vec<(&'static str, SkVariant)> {
+    assert_ne!(token().client_proof(&CLIENT_NONCE, &HUB_NONCE), NO_PROOF);
+    vec![
+        ("null", SkVariant::Null),
+        ("bool", SkVariant::Bool(true)),
+        ("i8", SkVariant::I8(-1)),
+        ("i16", SkVariant::I16(-2)),
+        ("i32", SkVariant::I32(-3)),
+        ("i64", SkVariant::I64(-4)),
+        ("u8", SkVariant::U8(1)),
+        ("u16", SkVariant::U16(2)),
+        ("u32", SkVariant::U32(3)),
+        ("u64", SkVariant::U64(4)),
+        ("f32", SkVariant::F32(1.5)),
+        ("f64", SkVariant::F64(-0.25)),
+        ("string", SkVariant::from("pulse")),
+        ("bytes", SkVariant::Bytes(std::sync::Arc::new(Bytes::from_static(&[0, 255])))),
+        ("list", SkVariant::list([1_u8, 2])),
+        ("map", SkVariant::map([("a", SkVariant::Null), ("b", SkVariant::Bool(false))])),
+    ]
+}

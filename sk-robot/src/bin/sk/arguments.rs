@@ -1,0 +1,51 @@
+//! What can be typed.
+
+use clap::{Args, Parser, Subcommand};
+use sk_core::flow::HubAddress;
+use std::path::PathBuf;
+
+/// Look into a running hub.
+#[derive(Parser, Debug)]
+#[command(version, arg_required_else_help = true)]
+pub struct Arguments {
+    /// The hub's state folder [default: $SKROBOT_STATE_DIR, else skrobot in the user's state folder]
+    #[arg(long, global = true, value_name = "DIR")]
+    pub state_dir: Option<PathBuf>,
+    /// Where the hub is reached: tcp:HOST:PORT or unix:PATH [default: the hub of the state folder]
+    #[arg(long, global = true, env = "SKROBOT_HUB", value_name = "ADDRESS")]
+    pub hub: Option<HubAddress>,
+    /// What is logged to standard error: a level, or levels for parts
+    #[arg(long, global = true, env = "SKROBOT_LOG", default_value = "warn", value_name = "FILTER")]
+    pub log: String,
+    #[command(subcommand)]
+    pub task: Task,
+}
+
+#[derive(Subcommand, Debug)]
+pub enum Task {
+    /// List the channels
+    Ls(Ls),
+    /// Print what flows on a channel
+    Echo(Echo),
+}
+
+#[derive(Args, Debug)]
+pub struct Ls {
+    /// Only channels whose name contains this
+    pub part: Option<String>,
+    /// One JSON object a line, with all properties
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Args, Debug)]
+pub struct Echo {
+    /// The channel, with or without the account: robot.host.cpu or host.cpu
+    pub channel: String,
+    /// End after this many messages
+    #[arg(short = 'n', long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub count: Option<u64>,
+    /// Wait for a channel that does not exist yet
+    #[arg(long)]
+    pub wait: bool,
+}

@@ -1,0 +1,31 @@
+//! `sk`: looks into a running hub.
+#![forbid(unsafe_code)]
+
+mod arguments;
+mod echo;
+mod ls;
+mod output;
+mod session;
+
+use arguments::{Arguments, Task};
+use clap::Parser;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    if let Err(error) = sk_robot::logging::to_stderr(&arguments.log) {
+        eprintln!("sk: --log {:?}: {error}", arguments.log);
+        return ExitCode::from(2);
+    }
+    let outcome = match &arguments.task {
+        Task::Ls(task) => ls::run(&arguments, task),
+        Task::Echo(task) => echo::run(&arguments, task),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("sk: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}

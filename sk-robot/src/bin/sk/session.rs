@@ -1,0 +1,132 @@
+//! One visit to a hub: connect, and end with a sentence if there is none.
+
+use crate::arguments::Arguments;
+use sk_core::flow::satellite::Credentials;
+use sk_core::flow::{HubAddress, SkFlowSat};
+use sk_core::prelude::*;
+use sk_core::world::World;
+use sk_robot::{owner, places::Places};
+
+/// How long a hub has to answer.
+const ANSWER_WITHIN: Duration = Duration::from_secs(2);
+/// The longest wait of the tool's loop; traffic wakes it earlier.
+const INTERVAL: Duration = Duration::from_millis(50);
+
+/// Watches over the link of a visit and keeps how it ended.
+pub struct Session {
+    address: HubAddress,
+    deadline: Handle<Timer>,
+    refusal: Option<String>,
+    answered: bool,
+    /// Why the visit failed.
+    pub failure: Option<String>,
+    /// The hub let us in and has told of all its channels.
+    pub entered: Signal<()>,
+}
+
+object! {
+    pub Session {
+        signals { entered() }
+        slots { on_ready() on_lost(&str) on_refused(&str) on_deadline() }
+    }
+}
+
+impl Session {
+    fn on_ready(&mut self, cx: &mut Cx) -> Result<(), Access> {
+        self.answered = true;
+        self.entered.emit(cx, ());
+        self.deadline.stop(cx)
+    }
+
+    fn on_lost(&mut self, cx: &mut Cx, why: &str) {
+        let address = &self.address;
+        let failure = match (&self.refusal, self.answered) {
+            (Some(refusal), _) => format!("the hub at {address} refused: {refusal}"),
+            (None, true) => format!("the hub at {address} is gone: {why}"),
+            (None, false) => format!("no hub answers at {address} ({why}): is skrobot running?"),
+        };
+        self.fail(cx, failure);
+    }
+
+    fn on_refused(&mut self, _cx: &mut Cx, why: &str) {
+        self.refusal = Some(why.to_owned());
+    }
+
+    fn on_deadline(&mut self, cx: &mut Cx) {
+        let failure = format!("the hub at {} does not answer", self.address);
+        self.fail(cx, failure);
+    }
+
+    /// Ends the visit with this sentence, unless there is one already.
+    pub fn fail(&mut self, cx: &mut Cx, failure: String) {
+        self.failure.get_or_insert(failure);
+        cx.quit();
+    }
+}
+
+/// A program on its way to a hub.
+pub struct Visit {
+    /// The program.
+    pub app: SkApp,
+    /// The link.
+    pub hub: Handle<SkFlowSat>,
+    /// Its watcher.
+    pub session: Handle<Session>,
+}
+
+impl Visit {
+    /// Begins to connect.
+    pub fn begin(arguments: &Arguments) -> Result<Visit, String> {
+        let places = Places::find(arguments.state_dir.as_deref()).map_err(|error| error.to_string())?;
+        let world = World::real().map_err(|error| error.to_string())?;
+        let address = arguments.hub.clone().unwrap_or_else(|| places.address());
+        let credentials = match &address {
+            HubAddress::Unix(_) => Credentials::Peer,
+            HubAddress::Tcp(_) => match owner::read(&world, &places).map_err(|error| error.to_string())? {
+                Some(token) => Credentials::Token(token),
+                None => {
+                    let path = places.token();
+                    return Err(format!(
+                        "a hub over TCP asks for the owner's token, and there is none at {}: copy it there from the hub's machine",
+                        path.display()
+                    ));
+                }
+            },
+        };
+        let app = SkApp::builder()
+            .name("sk")
+            .mode(TimingMode::SelectIo)
+            .interval(INTERVAL)
+            .world(world);
+        let mut app = app.build().map_err(|error| error.to_string())?;
+        let cx = app.cx();
+        let hub = SkFlowSat::connect_as(cx, &address, credentials);
+        let session = cx.spawn_with(|cx, this: Handle<Session>| {
+            let deadline = cx.under(this).spawn(Timer::default());
+            attach!(cx, deadline.timeout => this.on_deadline);
+            attach!(cx, hub.ready => this.on_ready);
+            attach!(cx, hub.lost => this.on_lost);
+            attach!(cx, hub.refused => this.on_refused);
+            // The timer was made just now.
+            let _ = deadline.start_once(cx, ANSWER_WITHIN);
+            Session {
+                address,
+                deadline,
+                refusal: None,
+                answered: false,
+                failure: None,
+                entered: Signal::new(),
+            }
+        });
+        Ok(Visit { app, hub, session })
+    }
+
+    /// Runs to the end of the visit.
+    pub fn run(mut self) -> Result<(), String> {
+        self.app.run();
+        match self.app.cx().with(self.session, |session, _| session.failure.take()) {
+            Ok(Some(failure)) => Err(failure),
+            _ => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,101 @@
+//! Where a hub keeps its files, and where it is reached.
+
+use sk_core::flow::HubAddress;
+use std::env;
+use std::path::{Path, PathBuf};
+
+/// The longest path of a Unix socket that Linux takes, in bytes.
+const SOCKET_PATH_BYTES_MAX: usize = 107;
+
+/// The files of one hub. Hubs with different state folders run side by side.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Places {
+    state: PathBuf,
+}
+
+/// Why no place was found.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum PlacesError {
+    /// No variable says where.
+    #[error(
+        "no folder for the hub's state: set HOME, XDG_STATE_HOME or SKROBOT_STATE_DIR, or give --state-dir"
+    )]
+    Nowhere,
+    /// The kernel has no room for the socket's path.
+    #[error(
+        "the path of the hub's socket has {length} bytes, {SOCKET_PATH_BYTES_MAX} are possible: choose a shorter --state-dir than {state}"
+    )]
+    TooLong {
+        /// The path's length in bytes.
+        length: usize,
+        /// The state folder.
+        state: String,
+    },
+}
+
+impl Places {
+    /// The files below `state`; else below `$SKROBOT_STATE_DIR`, `$XDG_STATE_HOME/skrobot` or
+    /// `~/.local/state/skrobot`, the first that is set.
+    ///
+    /// # Errors
+    /// If no variable says where, or the path is too long for a socket.
+    pub fn find(state: Option<&Path>) -> Result<Places, PlacesError> {
+        let absolute = |name: &str| env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
+        let state = match state {
+            Some(state) => env::current_dir().map_or_else(|_| state.to_owned(), |here| here.join(state)),
+            None => match absolute("SKROBOT_STATE_DIR") {
+                Some(state) => state,
+                None => absolute("XDG_STATE_HOME")
+                    .or_else(|| absolute("HOME").map(|home| home.join(".local/state")))
+                    .ok_or(PlacesError::Nowhere)?
+                    .join("skrobot"),
+            },
+        };
+        let places = Places { state };
+        let length = places.socket().as_os_str().len();
+        if length > SOCKET_PATH_BYTES_MAX {
+            return Err(PlacesError::TooLong { length, state: places.state.display().to_string() });
+        }
+        Ok(places)
+    }
+
+    /// The folder of everything; mode 0700.
+    pub fn state(&self) -> &Path {
+        &self.state
+    }
+
+    /// The hub's Unix socket; mode 0600.
+    pub fn socket(&self) -> PathBuf {
+        self.state.join("hub.sock")
+    }
+
+    /// The owner's token; mode 0600.
+    pub fn token(&self) -> PathBuf {
+        self.state.join("owner.token")
+    }
+
+    /// The hub's address for programs of the same user.
+    pub fn address(&self) -> HubAddress {
+        HubAddress::Unix(self.socket())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_given_folder_wins_and_is_made_absolute() {
+        let places = Places::find(Some(Path::new("robot"))).unwrap();
+        assert!(places.state().is_absolute() && places.state().ends_with("robot"));
+        assert_eq!(places.socket().file_name().unwrap(), "hub.sock");
+    }
+
+    #[test]
+    fn a_folder_too_deep_for_a_socket_is_refused_with_its_length() {
+        let deep = Path::new("/").join("x".repeat(120));
+        let error = Places::find(Some(&deep)).unwrap_err();
+        assert!(error.to_string().contains("130 bytes"), "{error}");
+    }
+}
