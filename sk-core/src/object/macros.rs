@@ -195,7 +195,7 @@ macro_rules! __object {
                     ),
                 ) {
                     $(f(<$self as __Metas>::$signal, &mut self.$signal);)*
-                    $crate::__object!(@base_call self [()] each_signal(f) [$($base)*])
+                    $crate::__object!(@base_call self [()] each_signal(f) [$($base)*]);
                 }
                 fn part_mut(&mut self, part: ::core::any::TypeId) -> Option<&mut dyn ::core::any::Any> {
                     if part == ::core::any::TypeId::of::<Self>() {
