@@ -64,7 +64,10 @@ pub struct SkFlowSat {
     reconnect: Handle<Timer>,
     reconnect_after: Duration,
     losses: u64,
-    ever_ready: bool,
+    /// This link was let in.
+    was_ready: bool,
+    /// Why the hub said it ends this link.
+    farewell: Option<String>,
     /// The hub let this satellite in; channels and subscriptions are being restored.
     pub ready: Signal<()>,
     /// The hub is lost; carries why. It is looked for again, unless the hub refused the login.
@@ -209,7 +212,8 @@ impl SkFlowSat {
                 reconnect,
                 reconnect_after: RECONNECT_FIRST,
                 losses: 0,
-                ever_ready: false,
+                was_ready: false,
+                farewell: None,
                 ready: Signal::new(),
                 lost: Signal::new(),
                 start_publishing: Signal::new(),
@@ -278,6 +282,8 @@ impl SkFlowSat {
             let _ = self.reconnect.start_once(cx, self.reconnect_after);
             self.reconnect_after = (self.reconnect_after * 2).min(RECONNECT_MAX);
         }
+        self.was_ready = false;
+        let why = self.farewell.take().unwrap_or(why);
         tracing::debug!("the hub is lost: {why}");
         let this = cx.this(self);
         cx.post_own(this, move |cx| cx.emit_own(this, |satellite| &satellite.lost, &why));
@@ -376,7 +382,7 @@ impl SkFlowSat {
 
     fn restore(&mut self, cx: &mut Cx) {
         self.reconnect_after = RECONNECT_FIRST;
-        self.ever_ready = true;
+        self.was_ready = true;
         let Some(core) = &mut self.core else { return };
         for (name, own) in &self.own {
             if let Err(error) = core.create(name, &own.properties) {
@@ -501,7 +507,16 @@ fn tell(cx: &mut Cx, satellite: Handle<SkFlowSat>, event: SatelliteEvent) {
             }
         }
         SatelliteEvent::Refused { text, .. } => cx.emit_own(satellite, |s| &s.refused, &text),
-        SatelliteEvent::Closing { text, .. } => cx.emit_own(satellite, |s| &s.refused, &text),
+        SatelliteEvent::Closing { text, .. } => {
+            // Before anything was allowed it is a refusal; later it is why the hub is lost.
+            let refused = cx.with(satellite, |s, _| {
+                s.farewell = Some(text.clone());
+                !s.was_ready
+            });
+            if refused == Ok(true) {
+                cx.emit_own(satellite, |s| &s.refused, &text);
+            }
+        }
         _ => {}
     }
 }
