@@ -86,11 +86,11 @@ impl Seen {
     fn text(&mut self, _: &mut Cx, s: &str) {
         self.strings.push(s.into())
     }
-    fn batch(&mut self, _: &mut Cx, b: &Vec<f32>) {
+    fn batch(&mut self, _: &mut Cx, b: &[f32]) {
         self.batches += b.len()
     }
 }
-object! { Seen { signals {} slots { text(&str) batch(&Vec<f32>) } } }
+object! { Seen { signals {} slots { text(&str) batch(&[f32]) } } }
 
 fn main() {
     let mut app = SkApp::new();

@@ -484,6 +484,7 @@ impl Cx {
             objects: self.table.living(),
             shells: self.shells,
             counters: self.counters,
+            demotions: crate::sys::sched::demotions(),
             refused_wishes: self.pacing.refused.clone(),
         }
     }

@@ -24,7 +24,7 @@ pub(crate) use poll::{Dispatch, OS_SIGNALS_TOKEN};
 pub use pulse::Pulse;
 pub use settings::{
     AfterFailure, INTERVAL_DEFAULT, LoopSettings, Overrun, RealtimeWishes, SLOW_INTERVAL_DEFAULT,
-    SettingsError, TimingMode,
+    SchedulingPolicy, SettingsError, TimingMode,
 };
 pub use sk_event_loop::{Failure, Overload, Reason, SkEventLoop, Watch};
 pub use stats::{Counters, LoopStats, Step};

@@ -1,5 +1,6 @@
 //! How a loop keeps time and what it does when things go wrong.
 
+pub use crate::sys::sched::Policy as SchedulingPolicy;
 use std::time::Duration;
 
 /// The interval of the fast tick unless told otherwise.
@@ -50,8 +51,10 @@ pub enum AfterFailure {
 /// statistics; the loop runs all the same.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct RealtimeWishes {
-    /// `SCHED_FIFO` with this priority (1 to 99). Needs CAP_SYS_NICE or an rtprio limit.
-    pub fifo_priority: Option<u8>,
+    /// How the kernel shall choose this thread among others. A real-time class needs CAP_SYS_NICE or an
+    /// rtprio limit; a thread that then runs for half a second without a sleep is put back into the normal
+    /// class, so that it cannot hang the machine.
+    pub policy: SchedulingPolicy,
     /// Run on this CPU only.
     pub cpu: Option<usize>,
     /// Lock all memory (`mlockall`), so that no page fault delays a tick.

@@ -113,6 +113,9 @@ pub struct LoopStats {
     pub shells: u32,
     /// What was counted.
     pub counters: Counters,
+    /// How often a real-time thread of this process ran too long without a sleep and was put back into the
+    /// normal class.
+    pub demotions: u64,
     /// What a `Realtime` loop asked of the operating system and was refused.
     pub refused_wishes: Vec<String>,
 }

@@ -2,7 +2,7 @@
 
 use crate::Cx;
 use crate::eventloop::{Overload, TimingMode};
-use crate::sys;
+use crate::sys::{self, sched::Policy};
 use sk_flat::{Instant, SkElapsedTime};
 use std::time::Duration;
 
@@ -200,15 +200,18 @@ impl Cx {
         if self.pacing.prepared_for == Some(mode) || self.trace.is_some() {
             return;
         }
-        self.pacing.prepared_for = Some(mode);
+        let before = self.pacing.prepared_for.replace(mode);
         if mode != TimingMode::Realtime {
+            if before == Some(TimingMode::Realtime) {
+                self.give_back_realtime();
+            }
             return;
         }
         let wishes = self.settings.realtime;
         self.wish("a timer slack of 1 ns", sys::timer::set_slack_ns(1));
-        if let Some(priority) = wishes.fifo_priority {
-            let outcome = sys::sched::set_policy(sys::sched::Policy::Fifo(priority), REALTIME_RUN_MAX);
-            self.wish(&format!("SCHED_FIFO with priority {priority}"), outcome);
+        if wishes.policy != Policy::Other {
+            let outcome = sys::sched::set_policy(wishes.policy, REALTIME_RUN_MAX);
+            self.wish(&format!("the scheduling class {:?}", wishes.policy), outcome);
         }
         if let Some(cpu) = wishes.cpu {
             self.wish(&format!("CPU {cpu} alone"), sys::sched::set_affinity(&[cpu]));
@@ -220,6 +223,14 @@ impl Cx {
             let held = sys::latency::WakeLatencyHeld::zero();
             let outcome = held.map(|held| self.pacing.wake_latency = Some(held));
             self.wish("/dev/cpu_dma_latency at 0", outcome);
+        }
+    }
+
+    /// The loop waits in another way now: a class that runs before all others is no more its due.
+    fn give_back_realtime(&mut self) {
+        self.pacing.wake_latency = None;
+        if self.settings.realtime.policy != Policy::Other {
+            self.wish("the normal scheduling class", sys::sched::set_policy(Policy::Other, REALTIME_RUN_MAX));
         }
     }
 

@@ -10,9 +10,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 /// How the kernel chooses among threads.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Policy {
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Policy {
     /// SCHED_OTHER, the normal time-sharing class.
+    #[default]
     Other,
     /// SCHED_FIFO with a priority of 1 to 99: runs before every thread of a lower one until it sleeps.
     Fifo(u8),
