@@ -65,10 +65,11 @@ pub trait Route {}
 impl<P: Place> Route for (crate::object::Here, P) {}
 impl Route for (There, There) {}
 
-/// What [`attach!`](crate::attach) expands to: a check of types, and a plain request.
+/// What [`attach!`](crate::attach) expands to: a check of types, and a plain request. The ends come as a
+/// pair so that the compiler knows both when it looks at the route, and does not guess one from the other.
 #[doc(hidden)]
 #[inline]
-pub fn attach<A, S, SP, TP, M>(cx: &mut Cx, signal: SignalRef<A, SP>, slot: SlotRef<S, TP>, _mode: M)
+pub fn attach<A, S, SP, TP, M>(cx: &mut Cx, ends: (SignalRef<A, SP>, SlotRef<S, TP>), _mode: M)
 where
     A: ?Sized + ToOwned + 'static,
     S: SlotFor<A>,
@@ -77,6 +78,7 @@ where
     TP: Place,
     (SP, TP): Route,
 {
+    let (signal, slot) = ends;
     cx.request_attach(
         signal.place.target(),
         signal.meta,
@@ -91,7 +93,7 @@ where
 /// What [`attach!`](crate::attach) expands to for `slot()`.
 #[doc(hidden)]
 #[inline]
-pub fn attach_ignoring<A, S, SP, TP, M>(cx: &mut Cx, signal: SignalRef<A, SP>, slot: SlotRef<S, TP>, _mode: M)
+pub fn attach_ignoring<A, S, SP, TP, M>(cx: &mut Cx, ends: (SignalRef<A, SP>, SlotRef<S, TP>), _mode: M)
 where
     A: ?Sized + ToOwned + 'static,
     S: SlotFor<()>,
@@ -100,6 +102,7 @@ where
     TP: Place,
     (SP, TP): Route,
 {
+    let (signal, slot) = ends;
     cx.request_attach(
         signal.place.target(),
         signal.meta,
