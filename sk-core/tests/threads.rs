@@ -73,18 +73,8 @@ fn mouth(thread: &SkThread, own: u32, all: u64, burst: u64) -> Remote<Mouth> {
 fn start(thread: &SkThread, mouth: &Remote<Mouth>) {
     let mouth = mouth.clone();
     thread
-        .build(move |cx| attach!(cx, cx.fast_zone_remote().pulse => mouth.talk, Queued))
+        .build(move |cx| attach!(cx, cx.fast_zone().pulse => mouth.talk, Queued))
         .unwrap();
-}
-
-/// The zone as an object of the calling loop, named as a remote: the request stays on this loop.
-trait FastZoneRemote {
-    fn fast_zone_remote(&self) -> Remote<sk_core::eventloop::Zone>;
-}
-impl FastZoneRemote for Cx {
-    fn fast_zone_remote(&self) -> Remote<sk_core::eventloop::Zone> {
-        self.remote(self.fast_zone())
-    }
 }
 
 /// A round of the thread's loop has passed, so links asked for before are made.
