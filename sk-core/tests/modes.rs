@@ -47,7 +47,10 @@ fn realtime_ticks_on_the_phase_of_its_schedule_and_never_before() {
         assert!(pulse.now >= pulse.due);
         if let Some(before) = before {
             let apart = pulse.due.since(before);
-            assert!(apart >= ms(1) && apart.as_nanos().is_multiple_of(1_000_000), "the phase is kept: {apart:?}");
+            assert!(
+                apart >= ms(1) && apart.as_nanos().is_multiple_of(1_000_000),
+                "the phase is kept: {apart:?}"
+            );
         }
         before = Some(pulse.due);
     }
@@ -65,7 +68,11 @@ fn realtime_says_what_it_was_refused_and_runs_all_the_same() {
     app.pulse();
     let stats = app.cx().stats();
     assert_eq!(stats.ticks, 2);
-    assert!(stats.refused_wishes.iter().any(|wish| wish.contains("CPU 100000")), "{:?}", stats.refused_wishes);
+    assert!(
+        stats.refused_wishes.iter().any(|wish| wish.contains("CPU 100000")),
+        "{:?}",
+        stats.refused_wishes
+    );
 }
 
 #[test]
@@ -131,7 +138,11 @@ fn s36_a_blocking_call_sets_the_pace() {
 
 #[test]
 fn without_a_blocking_call_no_timing_spins() {
-    let mut app = SkApp::builder().mode(TimingMode::NoTiming).interval(Duration::from_secs(3600)).build().unwrap();
+    let mut app = SkApp::builder()
+        .mode(TimingMode::NoTiming)
+        .interval(Duration::from_secs(3600))
+        .build()
+        .unwrap();
     for _ in 0..1000 {
         app.pulse();
     }

@@ -118,7 +118,11 @@ fn queued_calls_of_a_select_io_loop_do_not_make_it_tick_faster() {
     simulation.run_for(&mut app, ms(100));
     let stats = app.cx().stats();
     assert_eq!(stats.ticks, 10);
-    assert!(stats.rounds >= 19 && stats.rounds <= 22, "one more round for each queued call: {}", stats.rounds);
+    assert!(
+        stats.rounds >= 19 && stats.rounds <= 22,
+        "one more round for each queued call: {}",
+        stats.rounds
+    );
 }
 
 #[test]

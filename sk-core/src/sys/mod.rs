@@ -6,6 +6,7 @@
 // The event loop's Realtime mode is what uses the scheduling subjects; until it does nobody calls them.
 #![allow(dead_code)]
 
+pub(crate) mod heap;
 pub(crate) mod latency;
 pub(crate) mod memory;
 pub(crate) mod random;
