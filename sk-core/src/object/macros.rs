@@ -471,7 +471,7 @@ macro_rules! __attach {
     (@emit [$cx:expr] [$signal:expr] [$slot:expr] $attach:ident [$mode:expr]) => {{
         let signal = $signal;
         let slot = $slot;
-        $crate::macro_support::$attach($cx, (signal, slot), $mode)
+        $crate::macro_support::$attach($cx, signal, slot, $mode)
     }};
 }
 

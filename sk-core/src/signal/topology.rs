@@ -64,12 +64,17 @@ pub(crate) enum Rewire {
 pub trait Route {}
 impl<P: Place> Route for (crate::object::Here, P) {}
 impl Route for (There, There) {}
+impl Route for (There, Nowhere) {}
 
-/// What [`attach!`](crate::attach) expands to: a check of types, and a plain request. The ends come as a
-/// pair so that the compiler knows both when it looks at the route, and does not guess one from the other.
+/// Where no slot lives. With it the compiler does not take a remote slot for the only one that a remote
+/// signal can reach, and so explains a local one with the words above instead of "mismatched types".
+#[doc(hidden)]
+pub struct Nowhere;
+
+/// What [`attach!`](crate::attach) expands to: a check of types, and a plain request.
 #[doc(hidden)]
 #[inline]
-pub fn attach<A, S, SP, TP, M>(cx: &mut Cx, ends: (SignalRef<A, SP>, SlotRef<S, TP>), _mode: M)
+pub fn attach<A, S, SP, TP, M>(cx: &mut Cx, signal: SignalRef<A, SP>, slot: SlotRef<S, TP>, _mode: M)
 where
     A: ?Sized + ToOwned + 'static,
     S: SlotFor<A>,
@@ -78,7 +83,6 @@ where
     TP: Place,
     (SP, TP): Route,
 {
-    let (signal, slot) = ends;
     cx.request_attach(
         signal.place.target(),
         signal.meta,
@@ -93,7 +97,7 @@ where
 /// What [`attach!`](crate::attach) expands to for `slot()`.
 #[doc(hidden)]
 #[inline]
-pub fn attach_ignoring<A, S, SP, TP, M>(cx: &mut Cx, ends: (SignalRef<A, SP>, SlotRef<S, TP>), _mode: M)
+pub fn attach_ignoring<A, S, SP, TP, M>(cx: &mut Cx, signal: SignalRef<A, SP>, slot: SlotRef<S, TP>, _mode: M)
 where
     A: ?Sized + ToOwned + 'static,
     S: SlotFor<()>,
@@ -102,7 +106,6 @@ where
     TP: Place,
     (SP, TP): Route,
 {
-    let (signal, slot) = ends;
     cx.request_attach(
         signal.place.target(),
         signal.meta,
