@@ -29,6 +29,8 @@
 //! assert_eq!(hash, run(7).1);
 //! ```
 
+pub use crate::sys::heap::CountingAllocator;
+
 use crate::Cx;
 use crate::eventloop::{LoopSettings, Plan, SkApp, step};
 use crate::world::{Clock, OsSignal, Rng, SimulatedClock, SimulatedRng, SimulatedWorld};

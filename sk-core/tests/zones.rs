@@ -273,7 +273,7 @@ fn s29_elapsed_time_counts_nanoseconds() {
 }
 
 #[test]
-fn s42_a_sketch_runs_setup_once_and_loop_each_pulse() {
+fn an_object_can_set_itself_up_and_then_run_at_each_tick() {
     struct Blink {
         log: Log,
         on: bool,

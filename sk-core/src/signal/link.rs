@@ -11,6 +11,8 @@ use std::rc::Rc;
 
 /// A link's own queue keeps room for this many calls, and for what it lately needed.
 const QUEUE_KEPT_MAX: usize = 64;
+/// After so many rounds in use a link looks whether its queue is larger than it needs.
+const ROUNDS_BETWEEN_LOOKS: u64 = 8;
 
 pub(crate) struct Link<A: ?Sized + ToOwned> {
     pub key: LinkKey,
@@ -47,13 +49,21 @@ pub(crate) struct Kept<A: ?Sized + ToOwned> {
     pub spent: Cell<bool>,
     /// Arguments of the calls that wait, oldest first: a queued call needs no box of its own.
     waiting: RefCell<VecDeque<A::Owned>>,
-    /// How many waited at most since the queue last ran empty.
+    /// How many waited at most since the room was last looked at.
     most: Cell<usize>,
+    look_again_at: Cell<u64>,
 }
 
 impl<A: ?Sized + ToOwned + 'static> Kept<A> {
     pub(crate) fn new(call: Rc<dyn Call<A>>, mode: Mode) -> Rc<Kept<A>> {
-        Rc::new(Kept { call, mode, spent: Cell::new(false), waiting: RefCell::default(), most: Cell::new(0) })
+        Rc::new(Kept {
+            call,
+            mode,
+            spent: Cell::new(false),
+            waiting: RefCell::default(),
+            most: Cell::new(0),
+            look_again_at: Cell::new(0),
+        })
     }
 
     fn emit(self: &Rc<Self>, cx: &mut Cx, args: &A) {
@@ -76,6 +86,16 @@ impl<A: ?Sized + ToOwned + 'static> Kept<A> {
                 drop(waiting);
                 self.queue(cx, args);
             }
+        }
+    }
+
+    /// Not whenever the queue is short: a link that fills it every round must not allocate every round.
+    #[cold]
+    fn give_room_back(&self, waiting: &mut VecDeque<A::Owned>, round: u64) {
+        let most = self.most.replace(waiting.len());
+        self.look_again_at.set(round + ROUNDS_BETWEEN_LOOKS);
+        if waiting.capacity() > QUEUE_KEPT_MAX.max(most * 4) {
+            waiting.shrink_to(QUEUE_KEPT_MAX.max(most * 2));
         }
     }
 
@@ -191,12 +211,8 @@ impl<A: ?Sized + ToOwned + 'static> QueuedCall for Kept<A> {
     fn run_next(&self, cx: &mut Cx) {
         let mut waiting = self.waiting.borrow_mut();
         let Some(args) = waiting.pop_front() else { return };
-        if waiting.is_empty() {
-            let most = self.most.replace(0);
-            // Not at once: a link that fills its queue every round must not allocate every round.
-            if waiting.capacity() > QUEUE_KEPT_MAX.max(most * 4) {
-                waiting.shrink_to(QUEUE_KEPT_MAX.max(most * 2));
-            }
+        if cx.pulse.round >= self.look_again_at.get() {
+            self.give_room_back(&mut waiting, cx.pulse.round);
         }
         drop(waiting);
         run_queued(&*self.call, cx, args.borrow());

@@ -64,6 +64,12 @@ pub(crate) enum Rewire {
 pub trait Route {}
 impl<P: Place> Route for (crate::object::Here, P) {}
 impl Route for (There, There) {}
+impl Route for (There, Nowhere) {}
+
+/// Where no slot lives. With it the compiler does not take a remote slot for the only one that a remote
+/// signal can reach, and so explains a local one with the words above instead of "mismatched types".
+#[doc(hidden)]
+pub struct Nowhere;
 
 /// What [`attach!`](crate::attach) expands to: a check of types, and a plain request.
 #[doc(hidden)]

@@ -29,8 +29,12 @@ fn targets(line: &str) -> impl Iterator<Item = &str> {
     line.split("](").skip(1).filter_map(|rest| rest.split(')').next())
 }
 
+/// Paths of Rust items stand in pages that a crate's docs include: rustdoc checks those.
 fn is_relative(target: &str) -> bool {
-    !target.starts_with('#') && !target.contains("://") && !target.starts_with("mailto:")
+    !target.starts_with('#')
+        && !target.contains("::")
+        && !target.contains("://")
+        && !target.starts_with("mailto:")
 }
 
 /// The path from the root of what a page calls `path`; nothing if it leaves the repository.

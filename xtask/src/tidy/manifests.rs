@@ -27,6 +27,7 @@ pub(super) fn every_version_stands_once(tree: &Tree<'_>) -> Vec<Violation> {
         for entry in tree.text(&file).map(entries).unwrap_or_default() {
             if let Some(crate_name) = entry.dependency()
                 && !entry.says_workspace()
+                && !entry.is_own_path()
             {
                 let what = format!(
                     "take `{crate_name}` from the workspace: `{crate_name}.workspace = true` here, and the \
@@ -51,6 +52,12 @@ impl Entry<'_> {
     fn says_workspace(&self) -> bool {
         let compact: String = self.value.split_whitespace().collect();
         (self.key.ends_with("workspace") && compact == "true") || compact.contains("workspace=true")
+    }
+
+    /// A package of ours by its path alone has no version that could stand twice.
+    fn is_own_path(&self) -> bool {
+        let compact: String = self.value.split_whitespace().collect();
+        compact.contains("path=\"") && !compact.contains("version=")
     }
 
     /// The dependency the entry declares, if its table holds dependencies.

@@ -1,17 +1,20 @@
 //! A satellite as an object: its link to a hub around a [`SatelliteCore`], and the way back when it breaks.
 
+mod commands;
+mod events;
+
 use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteError, SatelliteEvent};
 use super::transport::{Broken, Core, Link, PipeSeed, TURN_BYTES_MAX, Turn};
-use super::{ChannelRef, Encoded, Flow, FlowMessage, HubAddress};
+use super::{ChannelRef, Encoded, FlowMessage, HubAddress};
 use crate::eventloop::Timer;
 use crate::object::{Handle, ObjectId};
 use crate::signal::Signal;
 use crate::world::{Readiness, Token};
 use crate::{Cx, attach};
 use bytes::Bytes;
-use sk_flat::{Instant, IntoVariant, SkVariant};
+use sk_flat::{Instant, SkVariant};
 use std::collections::BTreeMap;
-use std::io::{self, IoSlice};
+use std::io::IoSlice;
 use std::rc::Rc;
 use std::time::Duration;
 
@@ -456,7 +459,7 @@ fn serve(cx: &mut Cx, satellite: ObjectId, readiness: Readiness) -> bool {
     let satellite = Handle::<SkFlowSat>::new(satellite);
     let turn = cx.with(satellite, |satellite, cx| satellite.serve(cx, readiness));
     // Events first: a hub says why before it ends a connection.
-    tell_events(cx, satellite);
+    events::tell_all(cx, satellite);
     let turn = turn.unwrap_or(Turn::Done);
     if turn == Turn::Over {
         // A satellite that was destroyed by its own event needs no way back.
@@ -469,163 +472,4 @@ fn serve(cx: &mut Cx, satellite: ObjectId, readiness: Readiness) -> bool {
 fn flush(cx: &mut Cx, satellite: ObjectId) {
     // One that was buried meanwhile has flushed in its hook.
     let _ = cx.with(Handle::<SkFlowSat>::new(satellite), |satellite, cx| satellite.flush(cx));
-}
-
-/// Emits what the hub said, unleased: a slot may publish on the satellite that called it.
-fn tell_events(cx: &mut Cx, satellite: Handle<SkFlowSat>) {
-    while let Ok(Some(event)) = cx.with(satellite, |satellite, cx| satellite.next_event(cx)) {
-        tell(cx, satellite, event);
-    }
-    let _ = cx.with(satellite, |satellite, cx| satellite.flush_later(cx));
-}
-
-fn tell(cx: &mut Cx, satellite: Handle<SkFlowSat>, event: SatelliteEvent) {
-    match event {
-        SatelliteEvent::Ready => cx.emit_own(satellite, |s| &s.ready, &()),
-        SatelliteEvent::ChannelAdded(info) => cx.emit_own(satellite, |s| &s.channel_added, &info),
-        SatelliteEvent::ChannelRemoved(info) => cx.emit_own(satellite, |s| &s.channel_removed, &info),
-        SatelliteEvent::StartPublishing(channel) => {
-            if let Ok(Some(name)) = cx.with(satellite, |s, _| s.own_name_of(channel)) {
-                cx.emit_own(satellite, |s| &s.start_publishing, &name);
-            }
-        }
-        SatelliteEvent::StopPublishing(channel) => {
-            if let Ok(Some(name)) = cx.with(satellite, |s, _| s.own_name_of(channel)) {
-                cx.emit_own(satellite, |s| &s.stop_publishing, &name);
-            }
-        }
-        SatelliteEvent::Message { channel, payload } => {
-            if let Ok(Some(info)) = cx.with(satellite, |s, _| s.heard_channel(channel)) {
-                cx.emit_own(satellite, |s| &s.message, &FlowMessage::new(info, payload));
-            }
-        }
-        SatelliteEvent::Dropped { channel, reason, total } => {
-            let name = cx.with(satellite, |s, _| Some(s.core.as_ref()?.channel_of(channel)?.name.clone()));
-            if let Ok(Some(name)) = name {
-                let reason = reason.map_or_else(|| "unknown".to_owned(), |reason| reason.to_string());
-                cx.emit_own(satellite, |s| &s.dropped, &(name, reason, total));
-            }
-        }
-        SatelliteEvent::Refused { text, .. } => cx.emit_own(satellite, |s| &s.refused, &text),
-        SatelliteEvent::Closing { text, .. } => {
-            // Before anything was allowed it is a refusal; later it is why the hub is lost.
-            let refused = cx.with(satellite, |s, _| {
-                s.farewell = Some(text.clone());
-                !s.was_ready
-            });
-            if refused == Ok(true) {
-                cx.emit_own(satellite, |s| &s.refused, &text);
-            }
-        }
-        _ => {}
-    }
-}
-
-impl Handle<SkFlowSat> {
-    /// Opens a streaming channel of this satellite's, now or as soon as there is a hub; one that is open stays
-    /// as it is. The hub calls it `account.name`. Properties say what flows: `unit`, `format`, `rate`, `doc` …
-    ///
-    /// # Errors
-    /// If the name or the properties cannot be, or the satellite is gone.
-    pub fn open(self, cx: &mut Cx, name: &str, properties: impl IntoVariant) -> io::Result<()> {
-        let properties = properties.into_variant();
-        cx.with(self, |satellite, cx| satellite.open(cx, name, properties))
-            .map_err(io::Error::other)?
-            .map_err(io::Error::other)
-    }
-
-    /// Publishes a value as a variant, on a channel that is opened if it is not yet. Answers whether it was
-    /// sent: nothing is encoded or sent while nobody listens.
-    pub fn publish(self, cx: &mut Cx, name: &str, value: impl IntoVariant) -> bool {
-        self.ensure_open(cx, name, "variant")
-            && cx
-                .with(self, |satellite, cx| {
-                    satellite.publish(cx, name, || value.into_variant().encode().ok().map(Bytes::from))
-                })
-                .unwrap_or(false)
-    }
-
-    /// Publishes bytes as they are; they are not copied.
-    pub fn publish_bytes(self, cx: &mut Cx, name: &str, payload: impl Into<Bytes>) -> bool {
-        self.ensure_open(cx, name, "bytes")
-            && cx
-                .with(self, |satellite, cx| satellite.publish(cx, name, || Some(payload.into())))
-                .unwrap_or(false)
-    }
-
-    fn ensure_open(self, cx: &mut Cx, name: &str, format: &str) -> bool {
-        let opened = cx.with(self, |satellite, cx| {
-            if satellite.own.contains_key(name) {
-                return true;
-            }
-            let properties = SkVariant::map([("format", format.into())]);
-            match satellite.open(cx, name, properties) {
-                Ok(()) => true,
-                Err(error) => {
-                    tracing::error!("channel {name} cannot be opened: {error}");
-                    false
-                }
-            }
-        });
-        opened.unwrap_or(false)
-    }
-
-    /// Whether somebody listens to a channel of this satellite's own.
-    pub fn is_listened(self, cx: &mut Cx, name: &str) -> bool {
-        let listened = cx.with(self, |satellite, _| {
-            let channel = satellite.own.get(name)?.channel?;
-            Some(satellite.core.as_ref()?.is_listened(channel))
-        });
-        matches!(listened, Ok(Some(true)))
-    }
-
-    /// Hears a channel, by its full name, now or as soon as it exists.
-    ///
-    /// # Errors
-    /// If the name cannot be, or the satellite is gone.
-    pub fn subscribe(self, cx: &mut Cx, full_name: &str) -> io::Result<()> {
-        self.change_wish(cx, full_name, true)
-    }
-
-    /// Hears a channel no more.
-    ///
-    /// # Errors
-    /// If the name cannot be, or the satellite is gone.
-    pub fn unsubscribe(self, cx: &mut Cx, full_name: &str) -> io::Result<()> {
-        self.change_wish(cx, full_name, false)
-    }
-
-    fn change_wish(self, cx: &mut Cx, full_name: &str, wanted: bool) -> io::Result<()> {
-        let changed = cx.with(self, |satellite, cx| {
-            sk_flat::Name::new(full_name)?;
-            if wanted {
-                satellite.wanted.insert(full_name.to_owned(), 0);
-            } else {
-                satellite.wanted.remove(full_name);
-            }
-            if let Some(core) = satellite.core.as_mut().filter(|core| core.is_ready()) {
-                if wanted { core.subscribe(full_name, 0)? } else { core.unsubscribe(full_name)? }
-            }
-            satellite.flush_later(cx);
-            Ok::<(), SatelliteError>(())
-        });
-        changed.map_err(io::Error::other)?.map_err(io::Error::other)
-    }
-
-    /// All channels of the hub, by name; none while there is no link.
-    pub fn channels(self, cx: &mut Cx) -> Vec<ChannelInfo> {
-        let known = cx.with(self, |satellite, _| {
-            satellite
-                .core
-                .as_ref()
-                .map(|core| core.channels().cloned().collect())
-                .unwrap_or_default()
-        });
-        known.unwrap_or_default()
-    }
-
-    /// The same satellite for one module: its channels' names begin with the module's.
-    pub fn flow(self, module: &str) -> Flow {
-        Flow::new(self, module)
-    }
 }

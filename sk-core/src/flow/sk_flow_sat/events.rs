@@ -1,0 +1,57 @@
+//! What the hub says, told as signals.
+
+use super::SkFlowSat;
+use crate::Cx;
+use crate::flow::FlowMessage;
+use crate::flow::satellite::SatelliteEvent;
+use crate::object::Handle;
+
+/// Emits what the hub said, unleased: a slot may publish on the satellite that called it.
+pub(super) fn tell_all(cx: &mut Cx, satellite: Handle<SkFlowSat>) {
+    while let Ok(Some(event)) = cx.with(satellite, |satellite, cx| satellite.next_event(cx)) {
+        tell(cx, satellite, event);
+    }
+    let _ = cx.with(satellite, |satellite, cx| satellite.flush_later(cx));
+}
+
+fn tell(cx: &mut Cx, satellite: Handle<SkFlowSat>, event: SatelliteEvent) {
+    match event {
+        SatelliteEvent::Ready => cx.emit_own(satellite, |s| &s.ready, &()),
+        SatelliteEvent::ChannelAdded(info) => cx.emit_own(satellite, |s| &s.channel_added, &info),
+        SatelliteEvent::ChannelRemoved(info) => cx.emit_own(satellite, |s| &s.channel_removed, &info),
+        SatelliteEvent::StartPublishing(channel) => {
+            if let Ok(Some(name)) = cx.with(satellite, |s, _| s.own_name_of(channel)) {
+                cx.emit_own(satellite, |s| &s.start_publishing, &name);
+            }
+        }
+        SatelliteEvent::StopPublishing(channel) => {
+            if let Ok(Some(name)) = cx.with(satellite, |s, _| s.own_name_of(channel)) {
+                cx.emit_own(satellite, |s| &s.stop_publishing, &name);
+            }
+        }
+        SatelliteEvent::Message { channel, payload } => {
+            if let Ok(Some(info)) = cx.with(satellite, |s, _| s.heard_channel(channel)) {
+                cx.emit_own(satellite, |s| &s.message, &FlowMessage::new(info, payload));
+            }
+        }
+        SatelliteEvent::Dropped { channel, reason, total } => {
+            let name = cx.with(satellite, |s, _| Some(s.core.as_ref()?.channel_of(channel)?.name.clone()));
+            if let Ok(Some(name)) = name {
+                let reason = reason.map_or_else(|| "unknown".to_owned(), |reason| reason.to_string());
+                cx.emit_own(satellite, |s| &s.dropped, &(name, reason, total));
+            }
+        }
+        SatelliteEvent::Refused { text, .. } => cx.emit_own(satellite, |s| &s.refused, &text),
+        SatelliteEvent::Closing { text, .. } => {
+            // Before anything was allowed it is a refusal; later it is why the hub is lost.
+            let refused = cx.with(satellite, |s, _| {
+                s.farewell = Some(text.clone());
+                !s.was_ready
+            });
+            if refused == Ok(true) {
+                cx.emit_own(satellite, |s| &s.refused, &text);
+            }
+        }
+        _ => {}
+    }
+}
