@@ -3,13 +3,7 @@
 //! Each file wraps one subject in safe functions. Everything that nix offers safely is taken from there;
 //! the blocks that remain stand in [`random`] and [`sched`].
 
-<<<<<<< HEAD
-=======
-// The event loop's Realtime mode is what uses the scheduling subjects; until it does nobody calls them.
-#![allow(dead_code)]
-
 pub(crate) mod heap;
->>>>>>> coretests
 pub(crate) mod latency;
 pub(crate) mod memory;
 pub(crate) mod random;
