@@ -57,7 +57,7 @@ pub use thread::{Remote, SkThread};
 /// Everything a program needs: `use sk_core::prelude::*;`.
 pub mod prelude {
     pub use crate::eventloop::{
-        AppError, Cx, LoopSettings, Pulse, Run, SkApp, SkEventLoop, Timer, TimingMode,
+        AppError, Cx, LoopSettings, Pulse, Run, SkApp, SkEventLoop, Sketch, Timer, TimingMode,
     };
     pub use crate::net::{CloseReason, Datagrams, Listener, Socket, WriteError};
     pub use crate::object::{Access, Address, Handle, MetaError, ObjectId, SkObject};

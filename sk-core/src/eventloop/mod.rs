@@ -10,6 +10,7 @@ mod poll;
 mod pulse;
 mod settings;
 mod sk_event_loop;
+mod sketch;
 mod stats;
 mod timer;
 mod wait;
@@ -27,6 +28,7 @@ pub use settings::{
     SchedulingPolicy, SettingsError, TimingMode,
 };
 pub use sk_event_loop::{Failure, Overload, Reason, SkEventLoop, Watch};
+pub use sketch::{Sketch, SketchObject};
 pub use stats::{Counters, LoopStats, Step};
 pub use timer::Timer;
 pub use wait::Plan;
