@@ -82,3 +82,8 @@ pub mod macro_support {
     };
     pub use sk_flat::IntoVariant;
 }
+
+/// Runs the programs of the guide.
+#[cfg(doctest)]
+#[doc = include_str!("../../docs/guide/objects.md")]
+struct Guide;

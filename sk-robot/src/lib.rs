@@ -47,3 +47,8 @@ pub mod places;
 pub mod registry;
 
 pub use hub::{Hub, HubBuilder, HubError};
+
+/// Runs the programs of the guide.
+#[cfg(doctest)]
+#[doc = include_str!("../../docs/guide/hub.md")]
+struct Guide;
