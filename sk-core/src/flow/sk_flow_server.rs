@@ -268,7 +268,7 @@ impl SkFlowServer {
         match notice {
             Notice::LoggedIn { user, connection } => {
                 tracing::debug!(%connection, %user, "logged in");
-                self.logged_in.emit(cx, user.to_string());
+                self.tell(cx, |server| &server.logged_in, user.to_string());
             }
             Notice::Ended { connection, ending } => {
                 tracing::debug!(%connection, ?ending, "connection ended");
@@ -279,9 +279,21 @@ impl SkFlowServer {
                     }
                 }
             }
-            Notice::ChannelAdded { name, .. } => self.channel_added.emit(cx, name.to_string()),
-            Notice::ChannelRemoved { name, .. } => self.channel_removed.emit(cx, name.to_string()),
+            Notice::ChannelAdded { name, .. } => {
+                self.tell(cx, |server| &server.channel_added, name.to_string())
+            }
+            Notice::ChannelRemoved { name, .. } => {
+                self.tell(cx, |server| &server.channel_removed, name.to_string());
+            }
             _ => {}
+        }
+    }
+
+    /// Emits in the next round, when this object is not leased: a slot may then ask the server that called it.
+    fn tell(&self, cx: &mut Cx, signal: fn(&SkFlowServer) -> &Signal<String>, about: String) {
+        if signal(self).listeners() > 0 {
+            let this = cx.this(self);
+            cx.post_own(this, move |cx| cx.emit_own(this, signal, &about));
         }
     }
 

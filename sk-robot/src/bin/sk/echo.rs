@@ -114,7 +114,7 @@ fn nearest<'a>(wanted: &str, channels: &'a [ChannelInfo]) -> Option<&'a str> {
     let near = |channel: &'a ChannelInfo| {
         let short = channel.name.split_once('.').map_or(&*channel.name, |(_, name)| name);
         let distance = damerau_levenshtein(wanted, &channel.name).min(damerau_levenshtein(wanted, short));
-        (distance <= wanted.len() / 2).then_some((distance, &*channel.name))
+        (distance <= wanted.len() / 3).then_some((distance, &*channel.name))
     };
     channels.iter().filter_map(near).min().map(|(_, name)| name)
 }
