@@ -154,6 +154,8 @@ macro_rules! __object {
                     $crate::macro_support::SlotRef::new(self.place.clone())
                 })*
             }
+            // An error about a struct without a table is not helped by a list of all classes there are.
+            #[diagnostic::do_not_recommend]
             impl<$($g),*> $crate::object::SkObject for $self where $($w)* {
                 type Signals<P: $crate::object::Place> = __Signals<P, $($g),*>;
                 type Slots<P: $crate::object::Place> = __Slots<P, $($g),*>;
@@ -412,6 +414,7 @@ macro_rules! __slot {
         }
     };
     (@invoke [$self:ty] [$($g:ident),*] [$($w:tt)*] $slot:ident [$carried:ty] ($args:pat) [$($pass:expr),*]) => {
+        #[diagnostic::do_not_recommend]
         impl<$($g),*> $crate::macro_support::SlotFor<$carried> for $slot<$self> where $($w)* {
             #[inline]
             #[allow(unused_variables)]
