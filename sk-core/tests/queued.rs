@@ -102,6 +102,7 @@ fn latest_keeps_the_newest_call_and_counts_the_replaced() {
     app.pulse();
     assert_eq!(log.take(), ["lamp 5"]);
     assert_eq!(app.cx().counters().replaced, 4);
+    assert_eq!(app.cx().links_of(button)[0].1.replaced, 4, "the link knows its own");
     push(&mut app, button, 6);
     app.pulse();
     assert_eq!(log.take(), ["lamp 6"]);
@@ -141,6 +142,7 @@ fn queue_full_refuses_the_newest_and_says_so_once_per_episode() {
         }
         app.pulse();
         assert_eq!(app.cx().counters().refused_full, 2 * u64::from(round + 1));
+        assert_eq!(app.cx().links_of(button)[0].1.refused, 2 * u64::from(round + 1));
     }
     let told = log.take();
     assert_eq!(told.iter().filter(|line| *line == "guard blinks").count(), 1, "{told:?}");

@@ -1,6 +1,6 @@
 //! What can go wrong with variants and names: what was expected, what came, and where.
 
-use crate::variant::Kind;
+use crate::variant::kind::Kind;
 use std::fmt;
 
 /// Why a variant could not be converted, read or written.

@@ -1,7 +1,8 @@
 //! `Cx`: the loop as its objects see it, handed to every slot.
 
-use crate::eventloop::dispatch::Frame;
+use crate::eventloop::dispatch::{DIRECT_DEPTH_MAX, Frame};
 use crate::eventloop::poll::Sources;
+use crate::eventloop::queue::{RemoteCall, Token};
 use crate::eventloop::sk_event_loop::News;
 use crate::eventloop::stats::Measures;
 use crate::eventloop::timer::TimerHeap;
@@ -10,7 +11,7 @@ use crate::eventloop::{
     Counters, LoopSettings, LoopStats, Pulse, SettingsError, SkEventLoop, TimingMode, Watch, Zone,
 };
 use crate::object::{Access, AnyNode, Handle, MARKED, NameError, Node, ObjectId, Placement, SkObject, Table};
-use crate::signal::{Bound, OnceCall, QueuedCall, Rewire};
+use crate::signal::{Bound, OnceCall, Rewire};
 use crate::thread::{Inbox, Mailbox, RemoteReceive, There};
 use crate::world::World;
 use rustc_hash::FxHashMap;
@@ -21,9 +22,6 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::rc::Rc;
 use std::sync::Arc;
 use std::time::Duration;
-
-/// How deep direct calls nest; beyond, they are queued.
-pub(crate) const DIRECT_DEPTH_MAX: usize = 64;
 
 /// The loop's inside, as a slot gets it: `cx`.
 ///
@@ -83,23 +81,6 @@ pub(crate) struct OwnObjects {
     pub fast_zone: Handle<Zone>,
     pub slow_zone: Handle<Zone>,
     pub one_sec_zone: Handle<Zone>,
-}
-
-/// One entry of the queue: a call that waits for the next round.
-pub(crate) enum Token {
-    /// The next waiting call of a link.
-    Link(Rc<dyn QueuedCall>),
-    /// A call of its own.
-    Once(Box<dyn OnceCall>),
-    /// What was put off for a busy object.
-    Drain(ObjectId),
-}
-
-/// What step 3 took for step 6.
-pub(crate) enum RemoteCall {
-    Crossing(u64),
-    Ring(u64, Box<dyn Any + Send>),
-    Run(Box<dyn FnOnce(&mut Cx) + Send>),
 }
 
 impl Cx {

@@ -1,23 +1,21 @@
 //! Calls from the loop's side: who is running, guards against panics, calls that wait for a busy object.
 
 use crate::Cx;
-use crate::eventloop::cx::{DIRECT_DEPTH_MAX, Token};
+use crate::eventloop::queue::Token;
 use crate::eventloop::sk_event_loop::{Culprit, News};
 use crate::eventloop::{AfterFailure, Failure, Reason};
 use crate::object::{AnyNode, DEFERRED, Handle, Header, ObjectId, SkObject, WAITING};
-use crate::signal::{Call, Links, OnceCall, QueuedCall, Signal, SlotMeta};
+use crate::signal::{Call, Links, OnceCall, Signal, SlotMeta};
 use sk_flat::{Instant, SkElapsedTime};
 use std::any::TypeId;
-use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
 use std::time::Duration;
 
+/// How deep direct calls nest; beyond, they are queued.
+pub(crate) const DIRECT_DEPTH_MAX: usize = 64;
 /// How many failures are logged a second; the rest are counted.
 const FAILURES_LOGGED_PER_SECOND_MAX: u32 = 10;
-
-/// Room for this many calls a loop's queue keeps in any case.
-const QUEUE_KEPT_MAX: usize = 1024;
 
 /// One level of nested calls: whose slot runs, and how many slots of the emit it is in are still to run.
 #[derive(Clone, Copy)]
@@ -49,14 +47,6 @@ pub(crate) struct LogBudget {
     second: SkElapsedTime,
     used: u32,
     suppressed: u64,
-}
-
-/// After a burst a queue keeps twice the room that this round needed.
-pub(crate) fn give_room_back<T>(queue: &mut VecDeque<T>, needed: usize) {
-    let needed = needed.max(queue.len());
-    if queue.capacity() > QUEUE_KEPT_MAX.max(needed * 4) {
-        queue.shrink_to(QUEUE_KEPT_MAX.max(needed * 2));
-    }
 }
 
 impl Cx {
@@ -108,63 +98,6 @@ impl Cx {
         self.note_dead_link();
     }
 
-    // ---- the queue ----
-
-    /// Whether the queue takes another call; if not, it is counted and told once per episode.
-    pub(crate) fn queue_has_room(&mut self) -> bool {
-        if self.queue.len() < self.settings.queue_calls_max {
-            return true;
-        }
-        self.refused_full();
-        false
-    }
-
-    #[cold]
-    pub(crate) fn refused_full(&mut self) {
-        self.counters.refused_full += 1;
-        self.tell_full();
-    }
-
-    fn tell_full(&mut self) {
-        self.queue_full_now = true;
-        if !self.queue_full_told {
-            self.queue_full_told = true;
-            tracing::warn!(waiting = self.queue.len(), "a queue is full: calls are refused");
-            self.news.push_back(News::MailboxFull);
-        }
-    }
-
-    /// An episode of refusals ends with the first round in which nothing was refused.
-    pub(crate) fn watch_room(&mut self) {
-        if self.inbox.mailbox().take_refused() > 0 {
-            self.tell_full();
-        }
-        self.queue_full_told &= self.queue_full_now;
-        self.queue_full_now = false;
-    }
-
-    pub(crate) fn queue_link(&mut self, link: Rc<dyn QueuedCall>) {
-        self.queue.push_back(Token::Link(link));
-    }
-
-    pub(crate) fn queue_once(&mut self, call: Box<dyn OnceCall>) {
-        self.queue.push_back(Token::Once(call));
-    }
-
-    /// Step 6, its first part: the calls that were queued before this round began.
-    pub(crate) fn run_queue(&mut self, count: usize) {
-        for _ in 0..count {
-            let Some(token) = self.queue.pop_front() else { return };
-            self.counters.queued_calls += 1;
-            self.top_level(|cx| match token {
-                Token::Link(link) => link.run_next(cx),
-                Token::Once(call) => call.run(cx),
-                Token::Drain(id) => cx.drain_deferred(id),
-            });
-        }
-        give_room_back(&mut self.queue, count);
-    }
-
     /// Calls a slot at once, from a top-level dispatch.
     pub(crate) fn call_slot<A: ?Sized + ToOwned + 'static>(&mut self, id: ObjectId, slot: u64, args: &A) {
         let bound = self.bind(id, slot, TypeId::of::<A>());
@@ -202,7 +135,7 @@ impl Cx {
         self.drain(header);
     }
 
-    fn drain_deferred(&mut self, id: ObjectId) {
+    pub(crate) fn drain_deferred(&mut self, id: ObjectId) {
         let Some(node) = self.table.node(id).cloned() else {
             let lost = self.parked.remove(&id.index).map_or(0, |waiting| waiting.len());
             self.counters.gone += lost as u64;

@@ -1,8 +1,8 @@
 //! Step 3, and the second part of step 6: what other threads send.
 
 use crate::Cx;
-use crate::eventloop::cx::RemoteCall;
-use crate::eventloop::dispatch::give_room_back;
+use crate::eventloop::queue::RemoteCall;
+use crate::eventloop::queue::give_room_back;
 use crate::object::ObjectId;
 use crate::signal::{OnceCall, Rewire};
 use crate::thread::{Mailbox, Message, RemoteReceive, There};

@@ -8,6 +8,7 @@ mod histogram;
 mod messages;
 mod poll;
 mod pulse;
+mod queue;
 mod settings;
 mod sk_event_loop;
 mod sketch;

@@ -209,7 +209,7 @@ impl Cx {
                 self.tell_overload();
             }
             self.timing.on = false;
-            self.depth_max = crate::eventloop::cx::DIRECT_DEPTH_MAX;
+            self.depth_max = crate::eventloop::dispatch::DIRECT_DEPTH_MAX;
         }
         if self.pacing.overload_told && now >= self.pacing.overload_quiet_at {
             self.pacing.overload_told = false;

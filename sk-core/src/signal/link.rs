@@ -52,6 +52,30 @@ pub(crate) struct Kept<A: ?Sized + ToOwned> {
     /// How many waited at most since the room was last looked at.
     most: Cell<usize>,
     look_again_at: Cell<u64>,
+    losses: LinkLosses,
+}
+
+/// What a link did not deliver.
+#[derive(Debug, Default)]
+pub(crate) struct LinkLosses {
+    replaced: Cell<u64>,
+    refused: Cell<u64>,
+}
+
+impl LinkLosses {
+    pub(crate) fn note_replaced(&self, cx: &mut Cx) {
+        self.replaced.set(self.replaced.get() + 1);
+        cx.counters.replaced += 1;
+    }
+
+    pub(crate) fn note_refused(&self) {
+        self.refused.set(self.refused.get() + 1);
+    }
+
+    /// How many calls a newer one replaced, and how many found a queue full.
+    pub(crate) fn counts(&self) -> (u64, u64) {
+        (self.replaced.get(), self.refused.get())
+    }
 }
 
 impl<A: ?Sized + ToOwned + 'static> Kept<A> {
@@ -63,6 +87,7 @@ impl<A: ?Sized + ToOwned + 'static> Kept<A> {
             waiting: RefCell::default(),
             most: Cell::new(0),
             look_again_at: Cell::new(0),
+            losses: LinkLosses::default(),
         })
     }
 
@@ -80,7 +105,7 @@ impl<A: ?Sized + ToOwned + 'static> Kept<A> {
                 let mut waiting = self.waiting.borrow_mut();
                 if let Some(older) = waiting.front_mut() {
                     *older = args.to_owned();
-                    cx.counters.replaced += 1;
+                    self.losses.note_replaced(cx);
                     return;
                 }
                 drop(waiting);
@@ -111,6 +136,8 @@ impl<A: ?Sized + ToOwned + 'static> Kept<A> {
             self.most.set(self.most.get().max(waiting.len()));
             drop(waiting);
             cx.queue_link(self.clone());
+        } else {
+            self.losses.note_refused();
         }
     }
 }
@@ -130,6 +157,14 @@ impl<A: ?Sized + ToOwned> Link<A> {
             Kind::Direct(_) => Mode::Direct,
             Kind::Kept(kept) => kept.mode,
             Kind::Remote(remote) => remote.mode(),
+        }
+    }
+
+    pub(crate) fn losses(&self) -> (u64, u64) {
+        match &self.kind {
+            Kind::Direct(_) => (0, 0),
+            Kind::Kept(kept) => kept.losses.counts(),
+            Kind::Remote(remote) => remote.losses(),
         }
     }
 

@@ -11,7 +11,7 @@ mod topology;
 
 pub use by_name::{Convertible, Crossable, Described, FixedConversion, ObjectInfo, Prepared, Staying};
 pub use call::{Bound, BoundSlot, Call, Reached, bind_exact, bind_ref, bind_slice, bind_str};
-pub(crate) use link::{Links, OnceCall, QueuedCall};
+pub(crate) use link::{LinkLosses, Links, OnceCall, QueuedCall};
 pub use mode::{AttachMode, Delivery, Direct, Latest, LinkShape, Mode, Once, OneShot, Queued};
 pub use signal::{AnySignal, LinkInfo, Signal};
 pub(crate) use signal::{Attached, Order};

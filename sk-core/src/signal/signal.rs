@@ -196,6 +196,10 @@ pub struct LinkInfo {
     pub mode: Mode,
     /// Whether the receiver lives on another thread.
     pub remote: bool,
+    /// Calls of a `Latest` link that a newer one replaced.
+    pub replaced: u64,
+    /// Calls refused because a queue or the receiver's mailbox was full.
+    pub refused: u64,
 }
 
 /// A signal of unknown type.
@@ -241,6 +245,9 @@ impl<A: ?Sized> RemoteSend<A> for IgnoringRemote {
     }
     fn slot(&self) -> &'static SlotMeta {
         self.0.slot()
+    }
+    fn losses(&self) -> (u64, u64) {
+        self.0.losses()
     }
 }
 
@@ -330,11 +337,14 @@ impl<A: ?Sized + ToOwned + 'static> AnySignal for Signal<A> {
 
     fn each_link(&self, f: &mut dyn FnMut(LinkInfo)) {
         for link in self.links.iter().flat_map(|links| &links.0) {
+            let (replaced, refused) = link.losses();
             f(LinkInfo {
                 target: link.key.target,
                 slot: link.slot(),
                 mode: link.mode(),
                 remote: matches!(link.kind, Kind::Remote(_)),
+                replaced,
+                refused,
             });
         }
     }

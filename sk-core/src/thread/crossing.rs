@@ -6,7 +6,7 @@
 
 use crate::Cx;
 use crate::object::ObjectId;
-use crate::signal::{Call, Delivery, LinkKey, Mode, Reached, Rewire, SlotMeta};
+use crate::signal::{Call, Delivery, LinkKey, LinkLosses, Mode, Reached, Rewire, SlotMeta};
 use crate::thread::{Mailbox, Message, PostError, There};
 use crossbeam_queue::ArrayQueue;
 use std::any::{Any, TypeId};
@@ -53,6 +53,8 @@ pub trait RemoteSend<A: ?Sized> {
     fn is_closed(&self) -> bool;
     fn mode(&self) -> Mode;
     fn slot(&self) -> &'static SlotMeta;
+    /// How many calls a newer one replaced, and how many found the mailbox full.
+    fn losses(&self) -> (u64, u64);
 }
 
 /// The receiver's end.
@@ -80,6 +82,7 @@ struct Sending<A: ?Sized + ToOwned> {
     mode: Mode,
     slot: &'static SlotMeta,
     spent: Cell<bool>,
+    losses: LinkLosses,
     outlet: Outlet<A::Owned>,
 }
 
@@ -112,8 +115,15 @@ where
     let _ = mailbox.post_anyway(Message::Settle(Box::new(move |cx| {
         receive::<A>(cx, number, target, slot, inlet, back);
     })));
-    let sending: Rc<dyn RemoteSend<A>> =
-        Rc::new(Sending::<A> { mailbox, number, mode, slot, spent: Cell::new(false), outlet });
+    let sending: Rc<dyn RemoteSend<A>> = Rc::new(Sending::<A> {
+        mailbox,
+        number,
+        mode,
+        slot,
+        spent: Cell::new(false),
+        losses: LinkLosses::default(),
+        outlet,
+    });
     Box::new(sending)
 }
 
@@ -164,7 +174,7 @@ where
             Outlet::Newest(newest) => match newest.force_push(args.to_owned()) {
                 // Its token is under way still.
                 Some(_replaced) => {
-                    cx.counters.replaced += 1;
+                    self.losses.note_replaced(cx);
                     Ok(())
                 }
                 None => self.mailbox.post(Message::Call(self.number)),
@@ -173,7 +183,10 @@ where
         };
         match sent {
             Ok(()) => {}
-            Err(PostError::Full(_)) => cx.refused_full(),
+            Err(PostError::Full(_)) => {
+                self.losses.note_refused();
+                cx.refused_full();
+            }
             Err(PostError::Gone) => {
                 cx.counters.gone += 1;
                 cx.note_dead_link();
@@ -191,6 +204,10 @@ where
 
     fn slot(&self) -> &'static SlotMeta {
         self.slot
+    }
+
+    fn losses(&self) -> (u64, u64) {
+        self.losses.counts()
     }
 }
 

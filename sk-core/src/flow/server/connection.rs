@@ -3,8 +3,8 @@
 use super::super::definition::{Encoded, Rights, Tagged};
 use super::super::error::{ClosingReason, ProtocolError};
 use super::super::fragment::Gathering;
+use super::super::inbound::Inbound;
 use super::super::login::Nonce;
-use super::super::state::Inbound;
 use super::super::{ChannelRef, Command};
 use super::output::Output;
 use sk_flat::{Instant, Name};

@@ -1,5 +1,6 @@
 //! Names in the simulated network: who listens where, and which port is free.
 
+use super::endpoint::address;
 use super::sim_socket::{End, Kind, Mailbox, Phase, Waiting};
 use super::switch::Switch;
 use super::wire::{Delivery, Medium, SocketId};
@@ -145,18 +146,6 @@ impl Switch {
         }
         Err(io::ErrorKind::AddrNotAvailable.into())
     }
-}
-
-fn address(at: &Endpoint) -> Option<SocketAddr> {
-    match at {
-        Endpoint::Ip(at) => Some(*at),
-        Endpoint::Unix(_) => None,
-    }
-}
-
-/// What the server sees of a client: the address that it reached, with the client's port.
-pub(super) fn client_name(to: &Endpoint, port: u16) -> Option<Endpoint> {
-    address(to).map(|at| Endpoint::Ip(SocketAddr::new(at.ip(), port)))
 }
 
 /// The address under which a datagram of `local` reaches `to`, and where that is.

@@ -1,8 +1,10 @@
 //! Sockets and readiness.
 
 mod addresses;
+mod endpoint;
 mod real;
 mod real_socket;
+mod real_token;
 mod sim_socket;
 mod simulated;
 mod socket_file;

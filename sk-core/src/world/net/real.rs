@@ -1,6 +1,7 @@
 //! The machine's sockets, through mio.
 
 use super::real_socket::{RealDatagram, RealListener, RealStream};
+use super::real_token::{TIMER, WAKER, poll_token};
 use super::socket_file::SocketFile;
 use super::{Datagram, Endpoint, Listener, Net, OsSignal, OsSignals, Readiness, Stream, Token, Wake};
 use crate::sys::signal::{self, EndingSignals};
@@ -23,9 +24,6 @@ const COARSE_TIMEOUT_MIN: Duration = Duration::from_millis(2);
 /// An armed timer this near the wanted instant is left as it is. A loop that waits again for the same
 /// instant asks for it through a fresh reading of the clock, some hundred nanoseconds off.
 const TIMER_TOLERANCE_NS: u64 = 2_000;
-
-const WAKER: mio::Token = mio::Token(usize::MAX);
-const TIMER: mio::Token = mio::Token(usize::MAX - 1);
 
 /// The sockets of one loop on the real machine: an epoll (and its duplicate for listeners), an eventfd
 /// and a timerfd, all closed on exec.
@@ -114,20 +112,6 @@ fn readiness(event: &Event) -> Readiness {
         token: Token(event.token().0 as u64),
         readable: event.is_readable() || event.is_read_closed() || event.is_error(),
         writable: event.is_writable() || event.is_write_closed() || event.is_error(),
-    }
-}
-
-/// The token in mio's shape.
-///
-/// # Errors
-/// `InvalidInput` for one that does not fit a machine word or is one of the two that are ours.
-pub(super) fn poll_token(token: Token) -> io::Result<mio::Token> {
-    match usize::try_from(token.0) {
-        Ok(value) if value < TIMER.0 => Ok(mio::Token(value)),
-        _ => {
-            let why = format!("the token {} cannot be registered", token.0);
-            Err(io::Error::new(io::ErrorKind::InvalidInput, why))
-        }
     }
 }
 

@@ -1,6 +1,6 @@
 //! Real listeners, streams and datagram sockets.
 
-use super::real::poll_token;
+use super::real_token::poll_token;
 use super::socket_file::SocketFile;
 use super::{Datagram, Endpoint, Listener, Stream, Token};
 use crate::sys::unix;

@@ -1,6 +1,6 @@
 //! The simulated network in between: it knows every socket and applies what arrives.
 
-use super::addresses::client_name;
+use super::endpoint::client_name;
 use super::sim_socket::{End, Ending, Kind, Phase, Socket};
 use super::wire::{Delivery, SocketId, Wire};
 use super::{Endpoint, OsSignal, Readiness, Token};
