@@ -28,13 +28,14 @@ object! { Source { slots { tick() } } }
 struct Sink {
     values: Vec<i64>,
     quit_after: usize,
+    quit_at: Option<i64>,
     names: Vec<String>,
 }
 impl Sink {
     fn hear(&mut self, cx: &mut Cx, message: &FlowMessage) -> Result<(), sk_flat::VariantError> {
         self.names.push(message.name().to_owned());
         self.values.push(i64::try_from(&message.value()?)?);
-        if self.values.len() == self.quit_after {
+        if self.values.len() == self.quit_after || self.values.last().copied() == self.quit_at {
             cx.quit();
         }
         Ok(())
@@ -136,6 +137,55 @@ fn a_module_on_a_thread_of_its_own_talks_through_a_pipe() {
     app.run();
     check(&mut app, sink);
     thread.stop();
+}
+
+/// Publishes very many small messages in one slot, once, as soon as somebody listens.
+struct Burst {
+    hub: Handle<SkFlowSat>,
+    count: i64,
+}
+impl Burst {
+    fn go(&mut self, cx: &mut Cx, _channel: &str) {
+        for n in 0..self.count {
+            self.hub.publish(cx, "count", n);
+        }
+    }
+}
+object! { Burst { slots { go(&str) } } }
+
+#[test]
+fn a_burst_longer_than_a_pipe_gets_through_without_further_traffic() {
+    for threaded in [false, true] {
+        let mut app = SkApp::builder()
+            .mode(TimingMode::SelectIo)
+            .interval(Duration::from_millis(2))
+            .build()
+            .unwrap();
+        let cx = app.cx();
+        let server = SkFlowServer::start(cx, settings(USER_ID));
+        let (a, b) = (server.pipe(cx, Rights::ALL).unwrap(), server.pipe(cx, Rights::ALL).unwrap());
+        let build = move |cx: &mut Cx| {
+            let hub = SkFlowSat::inside(cx, a);
+            hub.open(cx, "count", SkVariant::map([("format", "variant".into())])).unwrap();
+            let burst = cx.spawn(Burst { hub, count: 2000 });
+            attach!(cx, hub.start_publishing => burst.go);
+        };
+        let thread = SkThread::new("burst").start(cx).unwrap();
+        if threaded {
+            thread.build(build).unwrap();
+        } else {
+            build(cx);
+        }
+        let b = SkFlowSat::inside(cx, b);
+        // The newest 64 arrive whatever was dropped on the way, and the last of them is the last published.
+        let sink = cx.spawn(Sink { quit_at: Some(1999), ..Sink::default() });
+        b.subscribe(cx, "robot.count").unwrap();
+        attach!(cx, b.message => sink.hear);
+        app.run();
+        let values = app.cx().with(sink, |sink, _| sink.values.clone()).unwrap();
+        assert!(values.is_sorted() && values.len() >= 64, "{} values", values.len());
+        thread.stop();
+    }
 }
 
 #[derive(Default)]

@@ -223,7 +223,7 @@ impl SkFlowServer {
         let Some(mut link) = served.link.take() else { return false };
         let mut side = Side { core: &mut self.core, id, now, waiting: &mut served.waiting };
         let mut turn = Turn::Done;
-        if readiness.writable {
+        if link.may_write(readiness) {
             turn = link.write(cx, &mut side);
         }
         if turn != Turn::Over && readiness.readable {

@@ -353,7 +353,7 @@ impl SkFlowSat {
         }
         let mut side = Side { core, now, waiting: &mut self.waiting };
         let mut turn = Turn::Done;
-        if readiness.writable {
+        if link.may_write(readiness) {
             turn = link.write(cx, &mut side);
         }
         if turn != Turn::Over && readiness.readable {

@@ -4,7 +4,7 @@ use super::PipeEnd;
 use super::pipe::Taken;
 use crate::Cx;
 use crate::flow::Encoded;
-use crate::world::Stream;
+use crate::world::{Readiness, Stream};
 use std::io::{self, ErrorKind, IoSlice};
 
 /// Bytes taken from one source in one turn.
@@ -53,6 +53,11 @@ pub(crate) enum Turn {
 }
 
 impl Link {
+    /// Whether what waits is to be written at this readiness. A pipe has one bell for both directions.
+    pub(crate) fn may_write(&self, readiness: Readiness) -> bool {
+        readiness.writable || matches!(self, Link::Pipe(_))
+    }
+
     /// Reads what a turn allows.
     pub(crate) fn read(&mut self, cx: &mut Cx, core: &mut dyn Core, room: &mut [u8]) -> Turn {
         match self {

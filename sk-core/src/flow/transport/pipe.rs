@@ -8,7 +8,7 @@ use crate::flow::Encoded;
 use crate::thread::{Mailbox, Message};
 use crate::world::Token;
 use crossbeam_channel::{Receiver, Sender, TryRecvError, TrySendError};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering, fence};
 use std::sync::{Arc, OnceLock};
 
 /// How many frames wait in each direction.
@@ -34,6 +34,9 @@ impl Bell {
     /// Rung once until it is heard, however many frames go by.
     fn ring(&self, cx: &mut Cx) {
         let Some((mailbox, token)) = self.place.get() else { return };
+        // Ringing comes after what is to be found, hearing before looking for it. The fences make sure that a
+        // bell that is not rung, because it was rung before, is heard after what this ring is about.
+        fence(Ordering::SeqCst);
         if self.rung.swap(true, Ordering::AcqRel) {
             return;
         }
@@ -92,7 +95,8 @@ impl PipeEnd {
 
     /// To be called when the source is served, before frames are taken.
     pub(crate) fn heard(&self) {
-        self.mine.rung.store(false, Ordering::Release);
+        self.mine.rung.store(false, Ordering::Relaxed);
+        fence(Ordering::SeqCst);
     }
 
     /// Sends a frame, or gives it back if there is no room: the source is served again when there is.
@@ -112,13 +116,14 @@ impl PipeEnd {
     }
 
     pub(crate) fn take(&self, cx: &mut Cx) -> Taken {
-        match self.receiver.try_recv() {
-            Ok(frame) => {
-                if self.other.wanted.swap(false, Ordering::AcqRel) {
-                    self.other.ring(cx);
-                }
-                Taken::Frame(frame)
-            }
+        let taken = self.receiver.try_recv();
+        // Looked at when nothing is there too: the sender may have found the queue full just before this end
+        // emptied it, and said so just after.
+        if self.other.wanted.swap(false, Ordering::AcqRel) {
+            self.other.ring(cx);
+        }
+        match taken {
+            Ok(frame) => Taken::Frame(frame),
             Err(TryRecvError::Empty) => Taken::Nothing,
             Err(TryRecvError::Disconnected) => Taken::Closed,
         }
