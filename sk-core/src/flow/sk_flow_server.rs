@@ -2,6 +2,7 @@
 
 use super::server::{ConnectionId, Notice, Origin, ServerCore, Settings, TooManyConnections};
 use super::transport::{Broken, Core, Link, PipeEnd, PipeSeed, TURN_BYTES_MAX, Turn};
+use super::wire::Slices;
 use super::{Encoded, HubAddress, Rights};
 use crate::eventloop::Timer;
 use crate::object::{Access, Handle, ObjectId};
@@ -10,7 +11,7 @@ use crate::world::{Endpoint, Listener, Readiness, Stream, Token};
 use crate::{Cx, attach};
 use rustc_hash::FxHashMap;
 use sk_flat::{Instant, Name};
-use std::io::{self, ErrorKind, IoSlice};
+use std::io::{self, ErrorKind};
 use std::time::Duration;
 
 /// How many connections one listener takes in one turn.
@@ -92,7 +93,7 @@ impl Core for Side<'_> {
     fn has_output(&self) -> bool {
         self.core.has_output(self.id)
     }
-    fn slices(&mut self, parts_max: usize) -> Vec<IoSlice<'_>> {
+    fn slices(&mut self, parts_max: usize) -> Slices<'_> {
         self.core.slices(self.id, parts_max)
     }
     fn wrote(&mut self, count: usize) {

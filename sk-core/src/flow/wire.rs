@@ -1,8 +1,14 @@
 //! What a connection has ready for its transport: frames in order, and how much of the first was taken.
 
 use super::definition::Encoded;
+use smallvec::SmallVec;
 use std::collections::VecDeque;
 use std::io::IoSlice;
+
+/// The parts of one vectored write, on the stack.
+pub type Slices<'a> = SmallVec<[IoSlice<'a>; WRITE_PARTS_MAX]>;
+/// Parts of one vectored write.
+pub const WRITE_PARTS_MAX: usize = 64;
 
 /// Frames on their way into the transport. Each has a note that comes back when its last byte was taken.
 #[derive(Debug)]
@@ -37,9 +43,9 @@ impl<N> Wire<N> {
     }
 
     /// The next bytes as slices for one vectored write, at most `slices_max`.
-    pub fn slices(&self, slices_max: usize) -> Vec<IoSlice<'_>> {
+    pub fn slices(&self, slices_max: usize) -> Slices<'_> {
         let mut skip = self.taken;
-        let mut slices = Vec::with_capacity(slices_max.min(2 * self.frames.len()));
+        let mut slices = Slices::new();
         for (frame, _) in &self.frames {
             for part in [&frame.head, &frame.payload] {
                 if slices.len() == slices_max {

@@ -21,13 +21,13 @@ use super::limits::{
     LOGIN_TIME_MAX, PING_AFTER, SILENCE_MAX, SUBSCRIPTION_DEPTH_MAX, VERSION, VERSION_OLDEST,
 };
 use super::login::{Nonce, OwnerToken};
+use super::wire::Slices;
 use super::{ChannelRef, Command, Event, Inbound, Properties, State};
 use bytes::Bytes;
 use rustc_hash::FxHashMap;
 use sending::Outbox;
 use sk_flat::{Instant, Name, SkVariant};
 use std::collections::{BTreeMap, VecDeque};
-use std::io::IoSlice;
 
 /// How a satellite logs in.
 #[derive(Clone, Debug)]
@@ -307,7 +307,7 @@ impl SatelliteCore {
     }
 
     /// The next bytes for the transport, for one vectored write of at most `slices_max` parts.
-    pub fn slices(&mut self, slices_max: usize) -> Vec<IoSlice<'_>> {
+    pub fn slices(&mut self, slices_max: usize) -> Slices<'_> {
         self.outbox.fill();
         self.outbox.wire().slices(slices_max)
     }

@@ -36,12 +36,12 @@ use super::limits::{
     UNAUTHENTICATED_MAX,
 };
 use super::login::{Nonce, OwnerToken};
+use super::wire::Slices;
 use super::{ChannelRef, Event, Message, State};
 use connection::{Connection, Connections};
 use notice::LogLimit;
 use sk_flat::{Instant, Name};
 use std::collections::VecDeque;
-use std::io::IoSlice;
 use thiserror::Error;
 
 /// How a hub lets people in.
@@ -214,7 +214,7 @@ impl ServerCore {
     }
 
     /// The next bytes for the transport, for one vectored write of at most `slices_max` parts.
-    pub fn slices(&mut self, id: ConnectionId, slices_max: usize) -> Vec<IoSlice<'_>> {
+    pub fn slices(&mut self, id: ConnectionId, slices_max: usize) -> Slices<'_> {
         self.fill(id);
         self.connections
             .get(id)

@@ -5,6 +5,7 @@ mod events;
 
 use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteError, SatelliteEvent};
 use super::transport::{Broken, Core, Link, PipeSeed, TURN_BYTES_MAX, Turn};
+use super::wire::Slices;
 use super::{ChannelRef, Encoded, FlowMessage, HubAddress};
 use crate::eventloop::Timer;
 use crate::object::{Handle, ObjectId};
@@ -14,7 +15,6 @@ use crate::{Cx, attach};
 use bytes::Bytes;
 use sk_flat::{Instant, SkVariant};
 use std::collections::BTreeMap;
-use std::io::IoSlice;
 use std::rc::Rc;
 use std::time::Duration;
 
@@ -144,7 +144,7 @@ impl Core for Side<'_> {
     fn has_output(&self) -> bool {
         self.core.has_output()
     }
-    fn slices(&mut self, parts_max: usize) -> Vec<IoSlice<'_>> {
+    fn slices(&mut self, parts_max: usize) -> Slices<'_> {
         self.core.slices(parts_max)
     }
     fn wrote(&mut self, count: usize) {

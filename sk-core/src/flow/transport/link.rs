@@ -4,13 +4,12 @@ use super::PipeEnd;
 use super::pipe::Taken;
 use crate::Cx;
 use crate::flow::Encoded;
+use crate::flow::wire::{Slices, WRITE_PARTS_MAX};
 use crate::world::{Readiness, Stream};
-use std::io::{self, ErrorKind, IoSlice};
+use std::io::{self, ErrorKind};
 
 /// Bytes taken from one source in one turn.
 pub(crate) const TURN_BYTES_MAX: usize = 64 * 1024;
-/// Parts of one vectored write.
-pub(crate) const WRITE_PARTS_MAX: usize = 64;
 /// Frames taken from a pipe in one turn.
 const TURN_FRAMES_MAX: usize = 64;
 /// Vectored writes for one connection in one round; a peer that takes more waits for the next.
@@ -28,7 +27,7 @@ pub(crate) trait Core {
     fn bytes(&mut self, bytes: &[u8]) -> Result<(), Broken>;
     fn frame(&mut self, frame: Encoded) -> Result<(), Broken>;
     fn has_output(&self) -> bool;
-    fn slices(&mut self, parts_max: usize) -> Vec<IoSlice<'_>>;
+    fn slices(&mut self, parts_max: usize) -> Slices<'_>;
     fn wrote(&mut self, count: usize);
     fn take(&mut self) -> Option<Encoded>;
     /// A frame that found no room, to be the next one again.
