@@ -141,6 +141,7 @@ impl Cx {
             }
         }
         self.queue.clear();
+        self.inbox.clear();
         self.remote_calls.clear();
         self.parked.clear();
         self.rewires.clear();

@@ -150,8 +150,13 @@ impl Inbox {
         self.mailbox.asleep.store(false, Ordering::Relaxed);
     }
 
+    /// Nothing is taken in any more.
     pub(crate) fn close(&self) {
         self.mailbox.closed.store(true, Ordering::Release);
+    }
+
+    /// Drops what still waits.
+    pub(crate) fn clear(&self) {
         while self.receiver.try_recv().is_ok() {}
     }
 }
@@ -159,5 +164,6 @@ impl Inbox {
 impl Drop for Inbox {
     fn drop(&mut self) {
         self.close();
+        self.clear();
     }
 }
