@@ -5,7 +5,7 @@ use crate::eventloop::Refusal;
 use crate::object::{Address, Class, MARKED, MetaError, ObjectId};
 use crate::signal::link::{OnceCall, Parked};
 use crate::signal::{Bound, Call, Delivery, LinkInfo, Mode, Rewire, SignalMeta, SlotMeta, Target, Wish};
-use crate::thread::{Crossing, Message, There};
+use crate::thread::{Crossing, Message, PostError, There};
 use sk_flat::{FromVariant, SkVariant};
 use std::any::TypeId;
 use std::marker::PhantomData;
@@ -112,6 +112,13 @@ struct Request {
 fn known<'a>(names: impl Iterator<Item = &'a str>) -> String {
     let names: Vec<&str> = names.collect();
     if names.is_empty() { "none".to_owned() } else { names.join(", ") }
+}
+
+fn unposted(error: PostError, target: ObjectId) -> MetaError {
+    match error {
+        PostError::Full(waiting) => MetaError::Full(waiting),
+        PostError::Gone => MetaError::Gone(target),
+    }
 }
 
 fn signal_of(class: &'static Class, name: &str) -> Result<&'static SignalMeta, MetaError> {
@@ -245,9 +252,9 @@ impl Cx {
             None => {
                 let class = self.class_of(to.id).ok_or(MetaError::Gone(to.id))?;
                 let slot = slot_of(class, slot)?.uid;
-                self.rewires
-                    .push_back(Rewire::Detach { source, signal, target: Target::Local(to.id), slot });
-                Ok(())
+                let target = Target::Local(to.id);
+                self.keep_rewire(Rewire::Detach { source, signal, target, slot })
+                    .map_err(|full| unposted(full, to.id))
             }
             Some(there) => {
                 let (back, slot) = (self.here(source), slot.to_owned());
@@ -272,10 +279,9 @@ impl Cx {
         mode: Mode,
     ) -> Result<(), MetaError> {
         let (slot, ignoring) = self.fitting_slot(target, slot, signal)?;
-        let target = Target::Local(target);
-        let wish = Wish { source, signal, target, slot, mode, ignoring, crossing: None };
-        self.rewires.push_back(Rewire::Attach(wish));
-        Ok(())
+        let place = Target::Local(target);
+        let wish = Wish { source, signal, target: place, slot, mode, ignoring, crossing: None };
+        self.keep_rewire(Rewire::Attach(wish)).map_err(|full| unposted(full, target))
     }
 
     /// The slot of that name, if it takes what the signal carries, and whether it ignores that.
@@ -344,10 +350,7 @@ impl Cx {
                 Ok(call) => call.0.run(cx),
                 Err(error) => cx.refuse_stranger(request, error),
             }));
-            return there.mailbox.post(run).map_err(|error| match error {
-                crate::thread::PostError::Full(waiting) => MetaError::Full(waiting),
-                crate::thread::PostError::Gone => MetaError::Gone(there.id),
-            });
+            return there.mailbox.post(run).map_err(|error| unposted(error, there.id));
         }
         let call = self.prepare(to.id, slot, args)?;
         if !self.queue_has_room() {
@@ -393,10 +396,7 @@ impl Cx {
                 cx.refuse_stranger(request, error);
             }
         }));
-        there.mailbox.post(settle).map_err(|error| match error {
-            crate::thread::PostError::Full(waiting) => MetaError::Full(waiting),
-            crate::thread::PostError::Gone => MetaError::Gone(there.id),
-        })
+        there.mailbox.post(settle).map_err(|error| unposted(error, there.id))
     }
 
     /// A request by name that came from another thread was wrong: its asker is told.
