@@ -94,6 +94,34 @@ fn memory_is_given_back_after_a_burst() {
 }
 
 #[test]
+fn links_to_the_dead_are_noted_once_however_often_they_are_emitted() {
+    let (_world, mut app) = world();
+    let cx = app.cx();
+    let bursts = [(); 2].map(|()| cx.spawn(Burst { calls: 1, out: Signal::new() }));
+    let sink = cx.spawn(Sink(0));
+    attach!(cx, bursts[0].out => sink.take);
+    attach!(cx, bursts[1].out => sink.take);
+    app.pulse();
+    let cx = app.cx();
+    cx.destroy_later(sink);
+    let before = held();
+    for _ in 0..10_000 {
+        for burst in bursts {
+            cx.with(burst, Burst::fire).unwrap();
+        }
+    }
+    assert_eq!(cx.counters().gone, 20_000);
+    assert!(held() - before < 1000, "{} bytes more are held", held() - before);
+    app.pulse();
+    // They are dead now, and noted anew.
+    for burst in bursts {
+        app.cx().with(burst, Burst::fire).unwrap();
+    }
+    app.pulse();
+    assert_eq!(bursts.map(|burst| app.cx().links_of(burst).len()), [0, 0]);
+}
+
+#[test]
 fn everything_is_given_back_at_the_end_of_the_loop() {
     let run = || {
         let (_world, mut app) = world();

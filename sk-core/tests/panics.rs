@@ -217,6 +217,37 @@ fn calls_parked_for_an_object_that_was_unwound_run_in_the_next_round() {
 }
 
 /// Calls the slot directly, over a link of its own.
+#[test]
+fn a_parked_call_that_panics_does_not_hold_up_those_behind_it() {
+    let simulation = Simulation::new(1);
+    let mut app = simulation.app_with(|settings| settings.after_panic = AfterFailure::GoOn);
+    let (log, cx) = (Log::default(), app.cx());
+    let seen = log.clone();
+    let own = cx.spawn(Actor::new(move |cx, stage, n| {
+        seen.note(n.to_string());
+        match n {
+            0 => (1..=4).for_each(|n| stage.out.emit(cx, n)),
+            2 => panic!("the second that waits"),
+            _ => {}
+        }
+    }));
+    attach!(cx, own.out => own.act);
+    app.pulse();
+    cx_invoke(&mut app, own, 0);
+    app.pulse();
+    assert_eq!(log.take(), ["0", "1", "2"]);
+    app.pulse();
+    assert_eq!(log.take(), ["3", "4"], "in the next round, each once");
+    for n in [0, 2, 7] {
+        cx_invoke(&mut app, own, n);
+        app.pulse();
+        app.pulse();
+    }
+    assert_eq!(log.take(), ["0", "1", "2", "3", "4", "2", "7"]);
+    push_through(&mut app, own, 8);
+    assert_eq!(log.take(), ["8"], "and nothing waits any more");
+}
+
 fn push_through(app: &mut SkApp, actor: Handle<Actor>, n: u32) {
     let cx = app.cx();
     let button = cx.spawn(Button::default());

@@ -4,7 +4,7 @@ use crate::Cx;
 use crate::eventloop::queue::Token;
 use crate::eventloop::sk_event_loop::{Culprit, News};
 use crate::eventloop::{AfterFailure, Failure, Reason};
-use crate::object::{AnyNode, DEFERRED, Handle, Header, ObjectId, SkObject, WAITING};
+use crate::object::{AnyNode, DEFERRED, DRAINING, Handle, Header, ObjectId, SkObject, TO_SWEEP, WAITING};
 use crate::signal::{Call, Links, OnceCall, Signal, SlotMeta};
 use sk_flat::{Instant, SkElapsedTime};
 use std::any::TypeId;
@@ -89,7 +89,10 @@ impl Cx {
     /// The signal being emitted has a link that is spent or dead: sweep it at the next rewire.
     pub(crate) fn note_dead_link(&mut self) {
         let emitter = self.chain[self.depth.saturating_sub(1) & (Frame::ROOM - 1)].object;
-        if self.sweeps.last() != Some(&emitter) {
+        if let Some(node) = self.table.node(emitter)
+            && !node.header().has(TO_SWEEP)
+        {
+            node.header().set(TO_SWEEP);
             self.sweeps.push(emitter);
         }
     }
@@ -130,10 +133,9 @@ impl Cx {
     #[cold]
     #[inline(never)]
     pub(crate) fn drain_waiting(&mut self, header: &Header) {
-        if header.has(DEFERRED) {
-            return;
+        if !header.has(DEFERRED | DRAINING) {
+            self.drain(header);
         }
-        self.drain(header);
     }
 
     pub(crate) fn drain_deferred(&mut self, id: ObjectId) {
@@ -148,19 +150,21 @@ impl Cx {
     fn drain(&mut self, header: &Header) {
         let index = header.id.index;
         let count = self.parked.get(&index).map_or(0, |waiting| waiting.len());
-        // While draining, the flag keeps the leases of the drained calls from draining again.
-        header.set(DEFERRED);
+        header.unset(DEFERRED);
+        header.set(DRAINING);
         for _ in 0..count {
             let Some(call) = self.parked.get_mut(&index).and_then(|waiting| waiting.pop_front()) else {
                 break;
             };
             call.run(self);
         }
+        header.unset(DRAINING);
         if self.parked.get(&index).is_some_and(|waiting| !waiting.is_empty()) {
+            header.set(DEFERRED);
             self.queue.push_back(Token::Drain(header.id));
         } else {
             self.parked.remove(&index);
-            header.unset(WAITING | DEFERRED);
+            header.unset(WAITING);
         }
     }
 
@@ -214,14 +218,12 @@ impl Cx {
 
     /// After a panic the leases are gone but what waited for them is not.
     fn put_off_waiting(&mut self, id: ObjectId) {
-        if let Some(node) = self.table.node(id).cloned()
-            && node.header().has(WAITING)
-            && !self
-                .queue
-                .iter()
-                .any(|token| matches!(token, Token::Drain(waiting) if *waiting == id))
-        {
-            node.header().set(DEFERRED);
+        let Some(node) = self.table.node(id) else { return };
+        let header = node.header();
+        // The panic may have come out of a call that had waited.
+        header.unset(DRAINING);
+        if header.has(WAITING) && !header.has(DEFERRED) {
+            header.set(DEFERRED);
             self.queue.push_back(Token::Drain(id));
         }
     }

@@ -10,6 +10,6 @@ pub use handle::{Access, Handle, Here, ObjectId, Place};
 pub use macros::{assert_distinct, member_uid};
 pub use meta::{Address, Class, Extends, Itself, MetaError, Project, SkObject, Through};
 pub use node::Node;
-pub(crate) use node::{AnyNode, DEFERRED, Header, MARKED, WAITING};
+pub(crate) use node::{AnyNode, DEFERRED, DRAINING, Header, MARKED, TO_SWEEP, WAITING};
 pub use table::NameError;
 pub(crate) use table::{Placement, Table};

@@ -11,8 +11,13 @@ use std::rc::Rc;
 pub(crate) const MARKED: u8 = 1;
 /// Calls wait for the object: later direct calls queue up behind them.
 pub(crate) const WAITING: u8 = 2;
-/// What waits was put off to the next round.
+/// What waits was put off to the next round: its token stands in the queue.
 pub(crate) const DEFERRED: u8 = 4;
+// 8: burial's own.
+/// One of the object's signals has a link to sweep, and the object is in the list for it.
+pub(crate) const TO_SWEEP: u8 = 16;
+/// What waits is being run: the leases of these calls do not run it again as they end.
+pub(crate) const DRAINING: u8 = 32;
 
 /// What every node has, whatever it holds.
 pub struct Header {

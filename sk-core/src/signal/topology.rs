@@ -1,7 +1,7 @@
 //! Attach and detach: requests made at any time, carried out in the rewire step of a round.
 
 use crate::Cx;
-use crate::object::{MARKED, ObjectId, Place};
+use crate::object::{MARKED, ObjectId, Place, TO_SWEEP};
 use crate::signal::signal::End;
 use crate::signal::{
     AnySignal, AttachMode, Attached, Mode, Order, SignalMeta, SignalRef, SlotFor, SlotMeta, SlotRef, SlotTag,
@@ -216,6 +216,7 @@ impl Cx {
 
     fn sweep(&mut self, emitter: ObjectId) {
         if let Some(node) = self.table.node(emitter).cloned() {
+            node.header().unset(TO_SWEEP);
             self.guarded(|_| {
                 node.each_signal(&mut |_, signal| {
                     signal.sweep();
