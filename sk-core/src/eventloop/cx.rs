@@ -11,7 +11,7 @@ use crate::eventloop::{
     Counters, LoopSettings, LoopStats, Pulse, SettingsError, SkEventLoop, TimingMode, Watch, Zone,
 };
 use crate::object::{Access, AnyNode, Handle, MARKED, NameError, Node, ObjectId, Placement, SkObject, Table};
-use crate::signal::{Bound, OnceCall, Rewire};
+use crate::signal::{Bound, LinkKey, OnceCall, Rewire};
 use crate::thread::{Inbox, Mailbox, RemoteReceive, There};
 use crate::world::World;
 use rustc_hash::FxHashMap;
@@ -40,6 +40,8 @@ pub struct Cx {
 
     pub(crate) rewires: VecDeque<Rewire>,
     pub(crate) sweeps: Vec<ObjectId>,
+    /// The pair whose second attaching was logged last.
+    pub(crate) duplicate_told: Option<(ObjectId, u64, LinkKey)>,
     pub(crate) burials: VecDeque<(ObjectId, crate::eventloop::Reason)>,
     pub(crate) parked: FxHashMap<u32, VecDeque<Box<dyn OnceCall>>>,
     pub(crate) shells: u32,
@@ -103,6 +105,7 @@ impl Cx {
             pulse: Pulse::first(now, settings.interval),
             rewires: VecDeque::new(),
             sweeps: Vec::new(),
+            duplicate_told: None,
             burials: VecDeque::new(),
             parked: FxHashMap::default(),
             shells: 0,

@@ -291,13 +291,14 @@ impl Cx {
 
     fn count_duplicate(&mut self, wish: &Wish) {
         self.counters.duplicates += 1;
-        if self.counters.duplicates == 1 {
+        let target = target_id(&wish.target);
+        let pair = (wish.source, wish.signal.uid, LinkKey { target, slot: wish.slot.uid });
+        // The last pair alone is remembered: a loop of one keeps one, and several in turn have the log's limit.
+        if self.duplicate_told != Some(pair) && self.may_log() {
+            self.duplicate_told = Some(pair);
             let (signal, slot) = (wish.signal.name, wish.slot.name);
-            let from = self.path_of(wish.source);
-            let to = self.path_of(target_id(&wish.target));
-            tracing::info!(
-                "{from}.{signal} is attached to {to}.{slot} already: nothing changes (said once, counted always)"
-            );
+            let (from, to) = (self.path_of(wish.source), self.path_of(target));
+            tracing::info!("{from}.{signal} is attached to {to}.{slot} already: nothing changes");
         }
     }
 
