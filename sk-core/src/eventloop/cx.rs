@@ -65,6 +65,8 @@ pub struct Cx {
     pub(crate) queue_full_told: bool,
     /// A call was refused since the last account: the episode goes on.
     pub(crate) queue_full_now: bool,
+    /// A round is under way, so that its beginning is the present for everybody.
+    pub(crate) in_round: bool,
     /// Somebody listens to every burial; looked up once per burial step.
     pub(crate) own_buried_listeners: bool,
     pub(crate) trace: Option<crate::testing::Trace>,
@@ -125,6 +127,7 @@ impl Cx {
             ended: false,
             queue_full_told: false,
             queue_full_now: false,
+            in_round: false,
             own_buried_listeners: false,
             trace: None,
             scheduler: std::rc::Weak::new(),
@@ -369,9 +372,10 @@ impl Cx {
         &self.pulse
     }
 
-    /// When this round began. Reads no clock; for the very present ask [`clock_now`](Cx::clock_now).
+    /// When this round began: inside a slot no clock is read, and all slots of a round see one instant. Before
+    /// and between rounds it is the very present; for that inside a slot ask [`clock_now`](Cx::clock_now).
     pub fn now(&self) -> Instant {
-        self.pulse.now
+        if self.in_round { self.pulse.now } else { self.world.clock.now() }
     }
 
     /// Reads the clock: about 20 ns.
