@@ -112,16 +112,17 @@ impl Cx {
 
     // ---- calls that wait for a busy object ----
 
-    /// Keeps a direct call until the lease of its object ends.
-    pub(crate) fn park(&mut self, header: &Header, call: Box<dyn OnceCall>) {
-        self.counters.parked += 1;
+    /// Keeps a direct call until the lease of its object ends. Answers `false` if too many wait for it.
+    pub(crate) fn park(&mut self, header: &Header, call: impl FnOnce() -> Box<dyn OnceCall>) -> bool {
         let waiting = self.parked.entry(header.id.index).or_default();
         if waiting.len() >= self.settings.queue_calls_max {
             self.refused_full();
-            return;
+            return false;
         }
-        waiting.push_back(call);
+        self.counters.parked += 1;
+        waiting.push_back(call());
         header.set(WAITING);
+        true
     }
 
     /// A lease has ended and calls wait: they run now, before anybody else reaches the object. What is

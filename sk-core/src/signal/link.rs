@@ -98,20 +98,31 @@ impl<A: ?Sized + ToOwned + 'static> Kept<A> {
             }
             cx.note_spent_link();
         }
-        match self.mode.delivery {
+        let taken = match self.mode.delivery {
             Delivery::Direct => call_directly(&self.call, cx, args),
             Delivery::Queued => self.queue(cx, args),
-            Delivery::Latest => {
-                let mut waiting = self.waiting.borrow_mut();
-                if let Some(older) = waiting.front_mut() {
-                    *older = args.to_owned();
-                    self.losses.note_replaced(cx);
-                    return;
-                }
-                drop(waiting);
-                self.queue(cx, args);
-            }
+            Delivery::Latest => self.replace(cx, args) || self.queue(cx, args),
+        };
+        if !taken {
+            self.note_refused();
         }
+    }
+
+    /// A one-shot that nobody will hear waits for its next call: it is spent before a call, but not by one
+    /// that a full queue refused.
+    #[cold]
+    fn note_refused(&self) {
+        self.spent.set(false);
+        self.losses.note_refused();
+    }
+
+    /// Whether a call of the link waits already, and so carries the newer arguments now.
+    fn replace(&self, cx: &mut Cx, args: &A) -> bool {
+        let mut waiting = self.waiting.borrow_mut();
+        let Some(older) = waiting.front_mut() else { return false };
+        *older = args.to_owned();
+        self.losses.note_replaced(cx);
+        true
     }
 
     /// Not whenever the queue is short: a link that fills it every round must not allocate every round.
@@ -124,21 +135,22 @@ impl<A: ?Sized + ToOwned + 'static> Kept<A> {
         }
     }
 
-    fn queue(self: &Rc<Self>, cx: &mut Cx, args: &A) {
+    /// Answers `false` if the queue is full.
+    fn queue(self: &Rc<Self>, cx: &mut Cx, args: &A) -> bool {
         if self.call.header().has(MARKED) {
             cx.counters.gone += 1;
             cx.note_dead_link();
-            return;
+            return true;
         }
-        if cx.queue_has_room() {
-            let mut waiting = self.waiting.borrow_mut();
-            waiting.push_back(args.to_owned());
-            self.most.set(self.most.get().max(waiting.len()));
-            drop(waiting);
-            cx.queue_link(self.clone());
-        } else {
-            self.losses.note_refused();
+        if !cx.queue_has_room() {
+            return false;
         }
+        let mut waiting = self.waiting.borrow_mut();
+        waiting.push_back(args.to_owned());
+        self.most.set(self.most.get().max(waiting.len()));
+        drop(waiting);
+        cx.queue_link(self.clone());
+        true
     }
 }
 
@@ -182,7 +194,9 @@ impl<A: ?Sized + ToOwned + 'static> Link<A> {
     #[inline(never)]
     pub(crate) fn emit_kept(&self, cx: &mut Cx, args: &A) {
         match &self.kind {
-            Kind::Direct(call) => call_directly(call, cx, args),
+            Kind::Direct(call) => {
+                call_directly(call, cx, args);
+            }
             Kind::Kept(kept) => kept.emit(cx, args),
             Kind::Remote(remote) => remote.send(cx, args),
         }
@@ -191,11 +205,15 @@ impl<A: ?Sized + ToOwned + 'static> Link<A> {
     /// Beyond the depth limit a direct call becomes a queued one.
     pub(crate) fn emit_flat(&self, cx: &mut Cx, args: &A) {
         match &self.kind {
-            Kind::Direct(call) => put_off(call, cx, args),
+            Kind::Direct(call) => {
+                put_off(call, cx, args);
+            }
             Kind::Kept(kept) if kept.mode.delivery == Delivery::Direct => {
                 if !kept.spent.replace(true) {
                     cx.note_spent_link();
-                    put_off(&kept.call, cx, args);
+                    if !put_off(&kept.call, cx, args) {
+                        kept.note_refused();
+                    }
                 }
             }
             _ => self.emit_kept(cx, args),
@@ -203,21 +221,24 @@ impl<A: ?Sized + ToOwned + 'static> Link<A> {
     }
 }
 
-fn put_off<A: ?Sized + ToOwned + 'static>(call: &Rc<dyn Call<A>>, cx: &mut Cx, args: &A) {
+/// Answers `false` if the queue is full.
+fn put_off<A: ?Sized + ToOwned + 'static>(call: &Rc<dyn Call<A>>, cx: &mut Cx, args: &A) -> bool {
     cx.counters.deepened += 1;
-    if cx.queue_has_room() {
-        cx.queue_once(Parked::<A>::boxed(call, args.to_owned()));
+    if !cx.queue_has_room() {
+        return false;
     }
+    cx.queue_once(Parked::<A>::boxed(call, args.to_owned()));
+    true
 }
 
-fn call_directly<A: ?Sized + ToOwned + 'static>(call: &Rc<dyn Call<A>>, cx: &mut Cx, args: &A) {
+/// Answers `false` if the call was to wait and found no room.
+fn call_directly<A: ?Sized + ToOwned + 'static>(call: &Rc<dyn Call<A>>, cx: &mut Cx, args: &A) -> bool {
     let reached = call.call(cx, args, 0);
-    if reached != Reached::Ran {
-        missed(call, cx, args, reached);
-    }
+    reached == Reached::Ran || missed(call, cx, args, reached)
 }
 
-/// A direct call that could not run: parked if its object is busy, counted if it is gone.
+/// A direct call that could not run: parked if its object is busy, counted if it is gone. Answers `false`
+/// if there was no room to park it.
 #[cold]
 #[inline(never)]
 pub(crate) fn missed<A: ?Sized + ToOwned + 'static>(
@@ -225,13 +246,14 @@ pub(crate) fn missed<A: ?Sized + ToOwned + 'static>(
     cx: &mut Cx,
     args: &A,
     reached: Reached,
-) {
+) -> bool {
     match reached {
-        Reached::Ran => {}
-        Reached::Busy => cx.park(call.header(), Parked::<A>::boxed(call, args.to_owned())),
+        Reached::Ran => true,
+        Reached::Busy => cx.park(call.header(), || Parked::<A>::boxed(call, args.to_owned())),
         Reached::Gone => {
             cx.counters.gone += 1;
             cx.note_dead_link();
+            true
         }
     }
 }

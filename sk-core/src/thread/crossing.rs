@@ -177,13 +177,17 @@ where
                     self.losses.note_replaced(cx);
                     Ok(())
                 }
-                None => self.mailbox.post(Message::Call(self.number)),
+                // A token that is refused would leave its arguments behind, and every later call would
+                // take them for one under way. One place is the link's own, so it is never refused.
+                None => self.mailbox.post_anyway(Message::Call(self.number)),
             },
             Outlet::Ring(ring) => self.send_by_ring(&mut ring.borrow_mut(), args),
         };
         match sent {
             Ok(()) => {}
             Err(PostError::Full(_)) => {
+                // A one-shot that nobody will hear waits for its next call.
+                self.spent.set(false);
                 self.losses.note_refused();
                 cx.refused_full();
             }
