@@ -41,6 +41,16 @@ pub(crate) struct CallTiming {
     pub slowest: Option<(Duration, ObjectId, &'static SlotMeta)>,
 }
 
+/// Stands where a slot would, for the work of framework objects that no slot of theirs does.
+static OWN_WORK: SlotMeta = SlotMeta {
+    name: "(its sockets)",
+    class: "",
+    args: "",
+    uid: 0,
+    args_type: || TypeId::of::<()>(),
+    prepare: |_, _| Err("this is no slot".to_owned()),
+};
+
 /// Keeps a failing slot from flooding the log.
 #[derive(Default)]
 pub(crate) struct LogBudget {
@@ -356,6 +366,21 @@ impl Cx {
         self.note_own_time(spent.saturating_sub(nested));
     }
 
+    /// What the loop does for a framework object of its own accord: serving its socket, writing what it has
+    /// gathered. While calls are timed its time, without that of the slots it called, stands beside theirs.
+    pub(crate) fn as_own_work<R>(&mut self, owner: ObjectId, work: impl FnOnce(&mut Cx) -> R) -> R {
+        if !self.timing.on {
+            return work(self);
+        }
+        self.timing.nested = Duration::ZERO;
+        let before = self.world.clock.now();
+        let done = work(self);
+        self.enter(owner, &OWN_WORK);
+        self.note_call_time(before);
+        self.restore_chain_top(Frame::NOBODY);
+        done
+    }
+
     fn note_call_time(&mut self, before: Instant) {
         let nested = std::mem::take(&mut self.timing.nested);
         let spent = self.world.clock.now().since(before);
@@ -373,7 +398,48 @@ impl Cx {
 
     pub(crate) fn culprit(&self) -> Option<Culprit> {
         let (time, object, slot) = self.timing.slowest?;
-        let (path, slot) = (self.path_of(object), format!("{}.{}", slot.class, slot.name));
+        let class = self.class_of(object).map_or(slot.class, |class| class.name);
+        let (path, slot) = (self.path_of(object), format!("{class}.{}", slot.name));
         Some(Culprit { object, path, slot, time })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::eventloop::Overload;
+    use crate::testing::Simulation;
+    use crate::world::Readiness;
+    use crate::{Cx, ObjectId, attach, object};
+    use std::time::Duration;
+
+    #[derive(Default)]
+    struct Guard {
+        seen: Vec<String>,
+    }
+    impl Guard {
+        fn overloaded(&mut self, _cx: &mut Cx, overload: &Overload) {
+            let culprit = overload.culprit.as_ref();
+            self.seen.push(culprit.map_or("nobody".to_owned(), |c| format!("{} of {}", c.slot, c.path)));
+        }
+    }
+    object! { Guard { slots { overloaded(&Overload) } } }
+
+    fn slow_source(cx: &mut Cx, _owner: ObjectId, _readiness: Readiness) -> bool {
+        cx.world().clock.sleep(Duration::from_millis(9));
+        true
+    }
+
+    #[test]
+    fn the_work_of_a_framework_object_is_a_culprit_too() {
+        let simulation = Simulation::new(1);
+        let mut app = simulation.app();
+        let cx = app.cx();
+        let server = cx.named("server").spawn(Guard::default());
+        attach!(cx, cx.event_loop().overloaded => server.overloaded);
+        let token = cx.add_source(server.id(), slow_source);
+        cx.offer_source(token);
+        simulation.run_for(&mut app, Duration::from_millis(200));
+        let seen = app.cx().with(server, |guard, _| guard.seen.clone());
+        assert_eq!(seen, Ok(vec!["Guard.(its sockets) of server".to_owned()]));
     }
 }

@@ -244,7 +244,7 @@ impl Cx {
         if !self.is_alive(owner) {
             return;
         }
-        let more = dispatch(self, owner, readiness);
+        let more = self.as_own_work(owner, |cx| dispatch(cx, owner, readiness));
         if let Some(source) = self.sources.entries.get_mut(key).filter(|s| more && s.generation == generation)
         {
             source.readable = true;
@@ -260,7 +260,7 @@ impl Cx {
         let count = self.sources.dirty.len();
         for _ in 0..count {
             if let Some((owner, flush)) = self.sources.dirty.pop_front() {
-                flush(self, owner);
+                self.as_own_work(owner, |cx| flush(cx, owner));
             }
         }
         count > 0
