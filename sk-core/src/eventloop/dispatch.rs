@@ -419,7 +419,8 @@ mod tests {
     impl Guard {
         fn overloaded(&mut self, _cx: &mut Cx, overload: &Overload) {
             let culprit = overload.culprit.as_ref();
-            self.seen.push(culprit.map_or("nobody".to_owned(), |c| format!("{} of {}", c.slot, c.path)));
+            self.seen
+                .push(culprit.map_or("nobody".to_owned(), |c| format!("{} of {}", c.slot, c.path)));
         }
     }
     object! { Guard { slots { overloaded(&Overload) } } }
