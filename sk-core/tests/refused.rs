@@ -167,3 +167,117 @@ fn a_one_shot_beyond_the_depth_limit_that_found_the_queue_full_is_not_spent() {
     app.pulse();
     assert_eq!(log.take(), ["end 2"]);
 }
+
+#[test]
+fn requests_to_attach_beyond_their_bound_are_refused_and_counted() {
+    let simulation = Simulation::new(1);
+    let mut app = simulation.app_with(|settings| settings.rewires_max = 3);
+    let log = Log::default();
+    let cx = app.cx();
+    let button = cx.spawn(Button::default());
+    let lamps: Vec<_> = (0..5).map(|_| cx.spawn(Lamp::new("lamp", &log))).collect();
+    for &lamp in &lamps {
+        attach!(cx, button.pressed => lamp.on);
+    }
+    assert_eq!(cx.counters().links_refused, 2);
+    assert_eq!(
+        cx.attach_by_name(button, "pressed", lamps[4], "on", Mode::Direct),
+        Err(MetaError::Full(3))
+    );
+    detach!(cx, button.pressed => lamps[0].on);
+    assert_eq!(cx.counters().links_refused, 4);
+    app.pulse();
+    assert_eq!(app.cx().links_of(button).len(), 3, "the oldest are kept");
+    let cx = app.cx();
+    attach!(cx, button.pressed => lamps[4].on);
+    app.pulse();
+    assert_eq!(app.cx().links_of(button).len(), 4, "and there is room again");
+}
+
+#[test]
+fn requests_to_attach_to_a_full_mailbox_are_refused_and_counted() {
+    let (simulation, mut app, slow) = slow_thread();
+    let (button, other) = slow
+        .build(|cx| {
+            let (button, other) = (cx.spawn(Button::default()), cx.spawn(Button::default()));
+            (cx.remote(button), cx.remote(other))
+        })
+        .unwrap();
+    let cx = app.cx();
+    for _ in 0..2 * ROOM {
+        attach!(cx, button.pressed => other.push, Queued);
+    }
+    assert_eq!(cx.counters().links_refused, ROOM as u64);
+    assert_eq!(other.post(|_, _| ()), Err(sk_core::thread::PostError::Full(ROOM)));
+    round_of_the_slow_one(&simulation, &mut app);
+    let counters = slow.build(|cx| *cx.counters()).unwrap();
+    assert_eq!((counters.links_made, counters.duplicates), (1, ROOM as u64 - 1));
+}
+
+/// Gets the answers.
+#[derive(Default)]
+struct Asker(u64);
+impl Asker {
+    fn answer(&mut self, _cx: &mut Cx, answer: Result<u32, Access>) {
+        self.0 += u64::from(answer.is_ok());
+    }
+    fn done(&mut self, _cx: &mut Cx, _result: u32) {
+        self.0 += 1;
+    }
+}
+object! { Asker { slots { answer(Result<u32, Access>) done(u32) } } }
+
+#[test]
+fn answers_are_bounded_where_they_are_asked_for_and_none_is_lost() {
+    let (simulation, mut app, slow) = slow_thread();
+    let asker = slow
+        .build(|cx| {
+            let asker = cx.spawn(Asker::default());
+            cx.remote(asker)
+        })
+        .unwrap();
+    let button = app.cx().spawn(Button::default());
+    let button = app.cx().remote(button);
+    // The answers come faster than the slow thread looks at them.
+    let mut taken = 0;
+    for _ in 0..2 * ROOM {
+        taken += u64::from(button.ask(|button, _| button.presses, asker.slots().answer()).is_ok());
+        app.pulse();
+    }
+    assert_eq!(taken, ROOM as u64);
+    assert_eq!(
+        button.ask(|button, _| button.presses, asker.slots().answer()),
+        Err(sk_core::thread::PostError::Full(ROOM))
+    );
+    round_of_the_slow_one(&simulation, &mut app);
+    let heard = || {
+        let asker = asker.clone();
+        let (sender, receiver) = channel();
+        asker.post(move |asker, _| sender.send(asker.0).unwrap()).unwrap();
+        receiver
+    };
+    let count = heard();
+    round_of_the_slow_one(&simulation, &mut app);
+    assert_eq!(count.try_recv(), Ok(taken));
+    button.ask(|button, _| button.presses, asker.slots().answer()).unwrap();
+    drop(slow);
+    assert_eq!(
+        button.ask(|button, _| button.presses, asker.slots().answer()),
+        Err(sk_core::thread::PostError::Gone)
+    );
+}
+
+#[test]
+fn results_of_work_are_bounded_by_the_mailbox_too() {
+    let simulation = Simulation::new(1);
+    let mut app = simulation.app_with(|settings| settings.mailbox_messages_max = 3);
+    let cx = app.cx();
+    let asker = cx.spawn(Asker::default());
+    for _ in 0..3 {
+        cx.work(|| 7u32, asker.slots().done()).unwrap();
+    }
+    assert!(cx.work(|| 7u32, asker.slots().done()).is_err());
+    simulation.run_for(&mut app, Duration::from_secs(10));
+    assert_eq!(app.cx().with(asker, |asker, _| asker.0), Ok(3));
+    app.cx().work(|| 7u32, asker.slots().done()).unwrap();
+}

@@ -5,7 +5,7 @@ use crate::eventloop::queue::RemoteCall;
 use crate::eventloop::queue::give_room_back;
 use crate::object::ObjectId;
 use crate::signal::{OnceCall, Rewire};
-use crate::thread::{Mailbox, Message, RemoteReceive, There};
+use crate::thread::{Mailbox, Message, PostError, RemoteReceive, There};
 use std::rc::Rc;
 use std::sync::Arc;
 
@@ -38,7 +38,10 @@ impl Cx {
                 Message::Ring(number, ring) => self.remote_calls.push_back(RemoteCall::Ring(number, ring)),
                 Message::Run(work) => self.remote_calls.push_back(RemoteCall::Run(work)),
                 Message::Settle(work) => work(self),
-                Message::Rewire(rewire) => self.rewires.push_back(*rewire),
+                Message::Rewire(rewire) => {
+                    // Refused, it is counted and logged.
+                    let _ = self.keep_rewire(*rewire);
+                }
             }
         }
         self.counters.messages += taken as u64;
@@ -105,11 +108,31 @@ impl Cx {
         Arc::ptr_eq(mailbox, self.inbox.mailbox())
     }
 
+    /// Keeps a request for step 8. One too many is refused and counted; the notice that a receiver is gone
+    /// never is, and comes at most once per link.
+    pub(crate) fn keep_rewire(&mut self, rewire: Rewire) -> Result<(), PostError> {
+        let room = self.settings.rewires_max;
+        if self.rewires.len() < room || matches!(rewire, Rewire::Lost { .. }) {
+            self.rewires.push_back(rewire);
+            return Ok(());
+        }
+        self.counters.links_refused += 1;
+        if self.may_log() {
+            tracing::warn!(waiting = room, "too many requests to attach or detach: one was refused");
+        }
+        Err(PostError::Full(room))
+    }
+
+    /// A request to the loop of the signal.
     pub(crate) fn post_rewire(&mut self, there: &There, rewire: Rewire) {
         if self.is_mine(there) {
-            self.rewires.push_back(rewire);
-        } else if there.mailbox.post_anyway(Message::Rewire(Box::new(rewire))).is_err() {
+            // Refused, it is counted and logged.
+            let _ = self.keep_rewire(rewire);
+        } else if let Err(error) = there.mailbox.post(Message::Rewire(Box::new(rewire))) {
             self.counters.links_refused += 1;
+            if self.may_log() {
+                tracing::warn!("a request to attach or detach was refused by another thread: {error}");
+            }
         }
     }
 }

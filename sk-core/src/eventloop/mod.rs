@@ -28,7 +28,7 @@ pub use settings::{
     AfterFailure, INTERVAL_DEFAULT, LoopSettings, Overrun, RealtimeWishes, SLOW_INTERVAL_DEFAULT,
     SchedulingPolicy, SettingsError, TimingMode,
 };
-pub use sk_event_loop::{Failure, Overload, Reason, SkEventLoop, Watch};
+pub use sk_event_loop::{Failure, Overload, Reason, Refusal, SkEventLoop, Watch};
 pub use sketch::{Sketch, SketchObject};
 pub use stats::{Counters, LoopStats, Step};
 pub use timer::Timer;

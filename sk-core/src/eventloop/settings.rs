@@ -83,9 +83,15 @@ pub struct LoopSettings {
     pub after_panic: AfterFailure,
     /// How many calls the local queue holds.
     pub queue_calls_max: usize,
-    /// How many messages of other threads wait at most.
+    /// How many messages of other threads wait at most; and as many answers that were asked for.
     pub mailbox_messages_max: usize,
+    /// How many requests to attach or detach wait for the end of a round.
+    pub rewires_max: usize,
 }
+
+/// How many requests to attach or detach a loop keeps unless told otherwise: enough to build a program of a
+/// million objects in one go.
+const REWIRES_MAX: usize = 1 << 22;
 
 impl Default for LoopSettings {
     fn default() -> Self {
@@ -99,6 +105,7 @@ impl Default for LoopSettings {
             after_panic: AfterFailure::Destroy,
             queue_calls_max: 65_536,
             mailbox_messages_max: crate::thread::MAILBOX_MESSAGES_MAX,
+            rewires_max: REWIRES_MAX,
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::Cx;
 use crate::eventloop::Step;
-use crate::object::{Handle, ObjectId};
+use crate::object::{Address, Handle, MetaError, ObjectId};
 use crate::signal::Signal;
 use crate::world::OsSignal;
 use std::time::Duration;
@@ -23,6 +23,44 @@ pub struct SkEventLoop {
     /// The operating system sent SIGINT or SIGTERM. Only the application's main loop hears these. If nobody
     /// listens, the application ends.
     pub os_signal: Signal<OsSignal>,
+    /// A request by name that was sent to another thread was refused there: the answer to
+    /// [`attach_by_name`](Cx::attach_by_name), [`detach_by_name`](Cx::detach_by_name) and
+    /// [`invoke_method`](Cx::invoke_method) that could not be given at once. What succeeds is not told.
+    ///
+    /// ```
+    /// use sk_core::prelude::*;
+    /// use sk_core::eventloop::Refusal;
+    /// use sk_core::testing::Simulation;
+    ///
+    /// struct Camera;
+    /// object! { Camera { } }
+    ///
+    /// #[derive(Default)]
+    /// struct Shell { said: String }
+    /// impl Shell {
+    ///     fn on_refused(&mut self, _cx: &mut Cx, refusal: &Refusal) {
+    ///         self.said = format!("{}: {}", refusal.what, refusal.error);
+    ///     }
+    /// }
+    /// object! { Shell { slots { on_refused(&Refusal) } } }
+    ///
+    /// let simulation = Simulation::new(1);
+    /// let mut app = simulation.app();
+    /// let cx = app.cx();
+    /// let vision = SkThread::new("vision").start(cx)?;
+    /// let camera = vision.build(|cx| {
+    ///     let camera = cx.spawn(Camera);
+    ///     cx.remote(camera)
+    /// })?;
+    /// let shell = cx.spawn(Shell::default());
+    /// attach!(cx, cx.event_loop().by_name_refused => shell.on_refused);
+    /// cx.invoke_method(&camera, "zoom", &[2.into()]).unwrap();
+    /// simulation.run_for(&mut app, Duration::from_secs(1));
+    /// let said = app.cx().with(shell, |shell, _| shell.said.clone());
+    /// assert_eq!(said.as_deref(), Ok("call zoom: Camera has no slot `zoom`; it has: none"));
+    /// # Ok::<(), ThreadError>(())
+    /// ```
+    pub by_name_refused: Signal<Refusal>,
 }
 
 crate::object! {
@@ -34,6 +72,7 @@ crate::object! {
             mailbox_full()
             buried(ObjectId, Reason)
             os_signal(OsSignal)
+            by_name_refused(&Refusal)
         }
     }
 }
@@ -79,6 +118,17 @@ pub struct Failure {
     pub chain: Vec<String>,
     /// After a panic: how many further slots of the same emits did not run.
     pub skipped: u64,
+}
+
+/// A request by name that another thread refused.
+#[derive(Clone, Debug)]
+pub struct Refusal {
+    /// The object at which it failed: that of the signal, or that of the slot.
+    pub target: Address,
+    /// What was asked for: `call zoom`, `attach frame => show`, `detach frame => show`.
+    pub what: String,
+    /// Why it was refused.
+    pub error: MetaError,
 }
 
 /// A loop whose work takes nearly all of its interval.
@@ -131,6 +181,7 @@ pub(crate) enum News {
     /// Somebody watches an object that was gone already.
     BuriedBefore(ObjectId, Handle<Watch>),
     OsSignal(OsSignal),
+    ByNameRefused(Refusal),
 }
 
 impl Cx {
@@ -147,7 +198,17 @@ impl Cx {
                 News::Buried(id, reason) => self.tell_buried(id, reason),
                 News::BuriedBefore(id, watch) => self.tell_watch(watch, id, Reason::Asked),
                 News::OsSignal(signal) => self.tell_os_signal(signal),
+                News::ByNameRefused(refusal) => self.emit_own(object, |l| &l.by_name_refused, &refusal),
             }
+        }
+    }
+
+    /// Another thread's answer to a request by name, to be told at the end of this round.
+    pub(crate) fn tell_refusal(&mut self, refusal: Refusal) {
+        if self.news.len() < self.settings.queue_calls_max {
+            self.news.push_back(News::ByNameRefused(refusal));
+        } else {
+            self.refused_full();
         }
     }
 

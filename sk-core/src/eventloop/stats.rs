@@ -57,7 +57,8 @@ pub struct Counters {
     pub refused_full: u64,
     /// Links made.
     pub links_made: u64,
-    /// Attach requests that could not be carried out: an end was gone or the types differ.
+    /// Requests that could not be carried out: an end was gone, the types differ, or too many requests
+    /// waited here or at the loop of the signal.
     pub links_refused: u64,
     /// Requests by name of other threads that were wrong.
     pub refused_by_name: u64,

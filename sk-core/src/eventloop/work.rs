@@ -3,11 +3,13 @@
 use crate::Cx;
 use crate::object::Here;
 use crate::signal::{SlotFor, SlotRef, Target};
-use crate::thread::Message;
 
 /// Why a job was not taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("too many jobs wait for a worker ({max})", max = crate::world::JOBS_WAITING_MAX)]
+#[error(
+    "too many jobs wait for a worker (the most is {max}), or too many results for the loop",
+    max = crate::world::JOBS_WAITING_MAX
+)]
 pub struct WorkError;
 
 impl Cx {
@@ -16,7 +18,7 @@ impl Cx {
     /// then the result is dropped and counted. If the job panics nobody is called; the panic is logged.
     ///
     /// # Errors
-    /// If too many jobs wait.
+    /// If too many jobs wait, or as many results as the mailbox holds messages are outstanding.
     pub fn work<R, S>(
         &mut self,
         job: impl FnOnce() -> R + Send + 'static,
@@ -27,13 +29,10 @@ impl Cx {
         S: SlotFor<R>,
     {
         let Target::Local(id) = answer.target() else { return Err(WorkError) };
-        let back = self.here(id);
+        let place = self.own_mailbox().promise().map_err(|_| WorkError)?;
         let job = move || {
             let result = job();
-            // The loop may have ended meanwhile: then nobody waits for the result.
-            let _ = back.mailbox.post_anyway(Message::Run(Box::new(move |cx| {
-                cx.call_slot::<R>(back.id, S::META.uid, &result);
-            })));
+            place.keep(move |cx| cx.call_slot::<R>(id, S::META.uid, &result));
         };
         self.world.worker.run(Box::new(job)).map_err(|_| WorkError)
     }

@@ -150,6 +150,11 @@ impl<T> From<Handle<T>> for Address {
         Address { id: handle.id(), there: None }
     }
 }
+impl From<There> for Address {
+    fn from(there: There) -> Address {
+        Address { id: there.id, there: Some(there) }
+    }
+}
 impl<T> From<&Remote<T>> for Address {
     fn from(remote: &Remote<T>) -> Address {
         Address { id: remote.there().id, there: Some(remote.there().clone()) }

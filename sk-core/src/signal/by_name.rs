@@ -1,10 +1,11 @@
 //! The by-name layer: classes, objects, signals, slots and links as data, and requests by their names.
 
 use crate::Cx;
+use crate::eventloop::Refusal;
 use crate::object::{Address, Class, MARKED, MetaError, ObjectId};
 use crate::signal::link::{OnceCall, Parked};
 use crate::signal::{Bound, Call, Delivery, LinkInfo, Mode, Rewire, SignalMeta, SlotMeta, Target, Wish};
-use crate::thread::{Crossing, Message, There};
+use crate::thread::{Crossing, Message, PostError, There};
 use sk_flat::{FromVariant, SkVariant};
 use std::any::TypeId;
 use std::marker::PhantomData;
@@ -100,9 +101,24 @@ pub struct ObjectInfo {
     pub parent: Option<ObjectId>,
 }
 
+/// A request by name under way to another loop, and whom to tell if it is refused there.
+#[derive(Clone)]
+struct Request {
+    asker: There,
+    target: Address,
+    what: String,
+}
+
 fn known<'a>(names: impl Iterator<Item = &'a str>) -> String {
     let names: Vec<&str> = names.collect();
     if names.is_empty() { "none".to_owned() } else { names.join(", ") }
+}
+
+fn unposted(error: PostError, target: ObjectId) -> MetaError {
+    match error {
+        PostError::Full(waiting) => MetaError::Full(waiting),
+        PostError::Gone => MetaError::Gone(target),
+    }
 }
 
 fn signal_of(class: &'static Class, name: &str) -> Result<&'static SignalMeta, MetaError> {
@@ -152,7 +168,8 @@ impl Cx {
     /// # Errors
     /// [`MetaError`] if either end is gone, a name is not declared, the argument lists differ, or a direct
     /// link would cross threads: the graph stays as it was. Where an end lives on another thread, what that
-    /// thread finds wrong is logged there.
+    /// thread finds wrong comes back as a call: this loop's
+    /// [`by_name_refused`](crate::SkEventLoop::by_name_refused).
     pub fn attach_by_name(
         &mut self,
         from: impl Into<Address>,
@@ -161,29 +178,44 @@ impl Cx {
         slot: &str,
         mode: Mode,
     ) -> Result<(), MetaError> {
-        let (from, to) = (self.located(from.into()), self.located(to.into()));
+        let (from, to) = (from.into(), to.into());
+        let request = self.request(&from, format!("attach {signal} => {slot}"));
+        self.attach_asked(request, from, signal, to, slot, mode)
+    }
+
+    fn attach_asked(
+        &mut self,
+        request: Request,
+        from: Address,
+        signal: &str,
+        to: Address,
+        slot: &str,
+        mode: Mode,
+    ) -> Result<(), MetaError> {
+        let (from, to) = (self.located(from), self.located(to));
         if (from.there.is_some() || to.there.is_some()) && mode.delivery == Delivery::Direct {
             return Err(MetaError::Mode("Direct"));
         }
         if let Some(there) = from.there {
             let (signal, slot) = (signal.to_owned(), slot.to_owned());
             let to = to.there.unwrap_or_else(|| self.here(to.id));
-            return self.settle_there(&there.clone(), move |cx| {
-                cx.attach_by_name(there.id, &signal, Address { id: to.id, there: Some(to) }, &slot, mode)
+            let (from, to) = (Address::from(there.id), Address { id: to.id, there: Some(to) });
+            return self.settle_there(&there, request, move |cx, request| {
+                cx.attach_asked(request, from, &signal, to, &slot, mode)
             });
         }
         let class = self.class_of(from.id).ok_or(MetaError::Gone(from.id))?;
         let signal = signal_of(class, signal)?;
         match to.there {
             None => self.attach_here(from.id, signal, to.id, slot, mode),
-            Some(there) => self.attach_there(from.id, signal, there, slot, mode),
+            Some(there) => self.attach_there(request, from.id, signal, there, slot, mode),
         }
     }
 
     /// Undoes [`attach_by_name`](Cx::attach_by_name), or an [`attach!`](crate::attach).
     ///
     /// # Errors
-    /// As for attaching. A pair that is not linked is no error.
+    /// As for attaching, also in what comes back from other threads. A pair that is not linked is no error.
     pub fn detach_by_name(
         &mut self,
         from: impl Into<Address>,
@@ -191,12 +223,26 @@ impl Cx {
         to: impl Into<Address>,
         slot: &str,
     ) -> Result<(), MetaError> {
-        let (from, to) = (self.located(from.into()), self.located(to.into()));
+        let (from, to) = (from.into(), to.into());
+        let request = self.request(&from, format!("detach {signal} => {slot}"));
+        self.detach_asked(request, from, signal, to, slot)
+    }
+
+    fn detach_asked(
+        &mut self,
+        request: Request,
+        from: Address,
+        signal: &str,
+        to: Address,
+        slot: &str,
+    ) -> Result<(), MetaError> {
+        let (from, to) = (self.located(from), self.located(to));
         if let Some(there) = from.there {
             let (signal, slot) = (signal.to_owned(), slot.to_owned());
             let to = to.there.unwrap_or_else(|| self.here(to.id));
-            return self.settle_there(&there.clone(), move |cx| {
-                cx.detach_by_name(there.id, &signal, Address { id: to.id, there: Some(to) }, &slot)
+            let (from, to) = (Address::from(there.id), Address { id: to.id, there: Some(to) });
+            return self.settle_there(&there, request, move |cx, request| {
+                cx.detach_asked(request, from, &signal, to, &slot)
             });
         }
         let class = self.class_of(from.id).ok_or(MetaError::Gone(from.id))?;
@@ -206,13 +252,14 @@ impl Cx {
             None => {
                 let class = self.class_of(to.id).ok_or(MetaError::Gone(to.id))?;
                 let slot = slot_of(class, slot)?.uid;
-                self.rewires
-                    .push_back(Rewire::Detach { source, signal, target: Target::Local(to.id), slot });
-                Ok(())
+                let target = Target::Local(to.id);
+                self.keep_rewire(Rewire::Detach { source, signal, target, slot })
+                    .map_err(|full| unposted(full, to.id))
             }
             Some(there) => {
                 let (back, slot) = (self.here(source), slot.to_owned());
-                self.settle_there(&there.clone(), move |cx| {
+                let request = Request { target: Address::from(there.clone()), ..request };
+                self.settle_there(&there.clone(), request, move |cx, _| {
                     let class = cx.class_of(there.id).ok_or(MetaError::Gone(there.id))?;
                     let slot = slot_of(class, &slot)?.uid;
                     let target = Target::Remote(there);
@@ -231,6 +278,19 @@ impl Cx {
         slot: &str,
         mode: Mode,
     ) -> Result<(), MetaError> {
+        let (slot, ignoring) = self.fitting_slot(target, slot, signal)?;
+        let place = Target::Local(target);
+        let wish = Wish { source, signal, target: place, slot, mode, ignoring, crossing: None };
+        self.keep_rewire(Rewire::Attach(wish)).map_err(|full| unposted(full, target))
+    }
+
+    /// The slot of that name, if it takes what the signal carries, and whether it ignores that.
+    fn fitting_slot(
+        &self,
+        target: ObjectId,
+        slot: &str,
+        signal: &'static SignalMeta,
+    ) -> Result<(&'static SlotMeta, bool), MetaError> {
         let node = self.table.node(target).ok_or(MetaError::Gone(target))?;
         let slot = slot_of(node.class(), slot)?;
         let ignoring = (slot.args_type)() == TypeId::of::<()>();
@@ -238,15 +298,13 @@ impl Cx {
             let found = format!("the signal `{}` carries ({})", signal.name, signal.args);
             return Err(MetaError::Arguments { slot: slot.name, expected: slot.args, found });
         }
-        let target = Target::Local(target);
-        let wish = Wish { source, signal, target, slot, mode, ignoring, crossing: None };
-        self.rewires.push_back(Rewire::Attach(wish));
-        Ok(())
+        Ok((slot, ignoring))
     }
 
     /// The receiver's loop finds the slot and sends the wish back.
     fn attach_there(
         &mut self,
+        request: Request,
         source: ObjectId,
         signal: &'static SignalMeta,
         there: There,
@@ -259,10 +317,9 @@ impl Cx {
             found: "what the signal carries cannot be sent to another thread".to_owned(),
         })?;
         let (back, slot) = (self.here(source), slot.to_owned());
-        self.settle_there(&there.clone(), move |cx| {
-            let class = cx.class_of(there.id).ok_or(MetaError::Gone(there.id))?;
-            let slot = slot_of(class, &slot)?;
-            let ignoring = (slot.args_type)() == TypeId::of::<()>();
+        let request = Request { target: Address::from(there.clone()), ..request };
+        self.settle_there(&there.clone(), request, move |cx, _| {
+            let (slot, ignoring) = cx.fitting_slot(there.id, &slot, signal)?;
             let crossing = if ignoring { Crossing::of::<()>() } else { crossing };
             let target = Target::Remote(there);
             let wish = Wish { source, signal, target, slot, mode, ignoring, crossing: Some(crossing) };
@@ -276,8 +333,9 @@ impl Cx {
     ///
     /// # Errors
     /// [`MetaError`] if the object is gone, has no such slot, the arguments do not fit, or the queue is
-    /// full. For an object of another thread only `Full` and `Gone` are known here; the rest is logged and
-    /// counted there.
+    /// full. For an object of another thread only that its mailbox is full or its loop has ended is known
+    /// here; the rest comes back as a call: this loop's
+    /// [`by_name_refused`](crate::SkEventLoop::by_name_refused).
     pub fn invoke_method(
         &mut self,
         to: impl Into<Address>,
@@ -287,14 +345,12 @@ impl Cx {
         let to = self.located(to.into());
         if let Some(there) = to.there {
             let (slot, args, id) = (slot.to_owned(), args.to_vec(), there.id);
+            let request = self.request(&Address::from(there.clone()), format!("call {slot}"));
             let run = Message::Run(Box::new(move |cx| match cx.prepare(id, &slot, &args) {
                 Ok(call) => call.0.run(cx),
-                Err(error) => cx.refuse_stranger(&error),
+                Err(error) => cx.refuse_stranger(request, error),
             }));
-            return there.mailbox.post(run).map_err(|error| match error {
-                crate::thread::PostError::Full(waiting) => MetaError::Full(waiting),
-                crate::thread::PostError::Gone => MetaError::Gone(there.id),
-            });
+            return there.mailbox.post(run).map_err(|error| unposted(error, there.id));
         }
         let call = self.prepare(to.id, slot, args)?;
         if !self.queue_has_room() {
@@ -325,27 +381,39 @@ impl Cx {
         }
     }
 
+    fn request(&self, target: &Address, what: String) -> Request {
+        Request { asker: self.here(ObjectId::NOBODY), target: target.clone(), what }
+    }
+
     fn settle_there(
         &mut self,
         there: &There,
-        work: impl FnOnce(&mut Cx) -> Result<(), MetaError> + Send + 'static,
+        request: Request,
+        work: impl FnOnce(&mut Cx, Request) -> Result<(), MetaError> + Send + 'static,
     ) -> Result<(), MetaError> {
         let settle = Message::Settle(Box::new(move |cx| {
-            if let Err(error) = work(cx) {
-                cx.refuse_stranger(&error);
+            if let Err(error) = work(cx, request.clone()) {
+                cx.refuse_stranger(request, error);
             }
         }));
-        there.mailbox.post(settle).map_err(|error| match error {
-            crate::thread::PostError::Full(waiting) => MetaError::Full(waiting),
-            crate::thread::PostError::Gone => MetaError::Gone(there.id),
-        })
+        there.mailbox.post(settle).map_err(|error| unposted(error, there.id))
     }
 
-    /// A request by name that came from another thread was wrong.
-    fn refuse_stranger(&mut self, error: &MetaError) {
+    /// A request by name that came from another thread was wrong: its asker is told.
+    fn refuse_stranger(&mut self, request: Request, error: MetaError) {
         self.counters.refused_by_name += 1;
         if self.may_log() {
-            tracing::warn!("a request by name from another thread was refused: {error}");
+            tracing::warn!("`{}`, asked for by another thread, was refused: {error}", request.what);
         }
+        let Request { asker, target, what } = request;
+        let refusal = Refusal { target, what, error };
+        if self.is_mine(&asker) {
+            // It went to another loop and came back.
+            return self.tell_refusal(refusal);
+        }
+        // An asker whose mailbox is full hears of that instead, and one that has ended hears nothing more.
+        let _ = asker
+            .mailbox
+            .post(Message::Settle(Box::new(move |cx| cx.tell_refusal(refusal))));
     }
 }

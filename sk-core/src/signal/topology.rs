@@ -145,7 +145,8 @@ impl Cx {
         match source {
             Target::Local(source) => {
                 let wish = Wish { source, signal, target, slot, mode, ignoring, crossing };
-                self.rewires.push_back(Rewire::Attach(wish));
+                // Refused, it is counted and logged.
+                let _ = self.keep_rewire(Rewire::Attach(wish));
             }
             Target::Remote(there) => {
                 let wish = Wish { source: there.id, signal, target, slot, mode, ignoring, crossing };
@@ -163,8 +164,8 @@ impl Cx {
     ) {
         match source {
             Target::Local(source) => {
-                self.rewires
-                    .push_back(Rewire::Detach { source, signal, target, slot: slot.uid });
+                // Refused, it is counted and logged.
+                let _ = self.keep_rewire(Rewire::Detach { source, signal, target, slot: slot.uid });
             }
             Target::Remote(there) => {
                 let source = there.id;

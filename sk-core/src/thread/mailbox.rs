@@ -30,6 +30,8 @@ pub(crate) enum Message {
 pub(crate) struct Mailbox {
     sender: Sender<Message>,
     waiting: AtomicUsize,
+    /// Answers that were asked for and have not run yet.
+    promised: AtomicUsize,
     messages_max: usize,
     /// The loop is about to sleep, or sleeps, in a wait that only the waker ends.
     asleep: AtomicBool,
@@ -53,6 +55,7 @@ impl Mailbox {
         let mailbox = Arc::new(Mailbox {
             sender,
             waiting: AtomicUsize::new(0),
+            promised: AtomicUsize::new(0),
             messages_max,
             asleep: AtomicBool::new(false),
             closed: AtomicBool::new(false),
@@ -80,8 +83,24 @@ impl Mailbox {
         Ok(())
     }
 
-    /// Bookkeeping that must not get lost when calls have filled the box. There is a bounded amount of it
-    /// per link.
+    /// Keeps a place for an answer, from the question until the answer has run. Answers have a bound of
+    /// their own, as many as messages: a full box refuses questions, and no answer gets lost in it.
+    pub(crate) fn promise(self: &Arc<Mailbox>) -> Result<Promise, PostError> {
+        if self.is_closed() {
+            return Err(PostError::Gone);
+        }
+        if self.promised.fetch_add(1, Ordering::Relaxed) >= self.messages_max {
+            self.promised.fetch_sub(1, Ordering::Relaxed);
+            self.refused.fetch_add(1, Ordering::Relaxed);
+            return Err(PostError::Full(self.messages_max));
+        }
+        Ok(Promise { mailbox: self.clone() })
+    }
+
+    /// For what must not get lost when calls have filled the box, and is bounded by something else: the
+    /// opening and the end of a link, its larger ring, the one token of a `Latest` link, the notice that a
+    /// receiver is gone (each at most once at a time per link), a pipe's bell, an answer that was promised
+    /// a place, the end of the thread. Everything else is posted, and refused if the box is full.
     pub(crate) fn post_anyway(&self, message: Message) -> Result<(), PostError> {
         if self.closed.load(Ordering::Acquire) {
             return Err(PostError::Gone);
@@ -117,6 +136,29 @@ impl Mailbox {
     /// How many messages were refused since the last time this was asked.
     pub(crate) fn take_refused(&self) -> u64 {
         if self.refused.load(Ordering::Relaxed) == 0 { 0 } else { self.refused.swap(0, Ordering::Relaxed) }
+    }
+}
+
+/// A place for one answer; given back when it is dropped.
+pub(crate) struct Promise {
+    mailbox: Arc<Mailbox>,
+}
+
+impl Promise {
+    /// Sends the answer. Its place is given back when it has run, or was dropped.
+    pub(crate) fn keep(self, answer: impl FnOnce(&mut Cx) + Send + 'static) {
+        let mailbox = self.mailbox.clone();
+        // The asker's loop may have ended meanwhile: then nobody waits for the answer.
+        let _ = mailbox.post_anyway(Message::Run(Box::new(move |cx| {
+            let _place = self;
+            answer(cx);
+        })));
+    }
+}
+
+impl Drop for Promise {
+    fn drop(&mut self) {
+        self.mailbox.promised.fetch_sub(1, Ordering::Relaxed);
     }
 }
 

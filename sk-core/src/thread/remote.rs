@@ -111,7 +111,8 @@ impl<T: SkObject> Remote<T> {
     /// an object of the asker's. `Err(Gone)` comes back the same way. Never blocks.
     ///
     /// # Errors
-    /// If the loop has ended, or its mailbox is full.
+    /// If the loop has ended, or its mailbox is full; or if the asker's loop has ended, or as many answers
+    /// as its mailbox holds messages are outstanding there.
     pub fn ask<R, S>(
         &self,
         question: impl FnOnce(&mut T, &mut Cx) -> R + Send + 'static,
@@ -123,12 +124,10 @@ impl<T: SkObject> Remote<T> {
     {
         let id = self.there.id;
         let Target::Remote(back) = answer.target() else { return Err(PostError::Gone) };
+        let place = back.mailbox.promise()?;
         self.there.mailbox.post(Message::Run(Box::new(move |cx| {
             let found = cx.with(Handle::<T>::new(id), question);
-            // The asker's loop may have ended meanwhile: then nobody waits for the answer.
-            let _ = back.mailbox.post_anyway(Message::Run(Box::new(move |cx| {
-                cx.call_slot::<Result<R, Access>>(back.id, S::META.uid, &found);
-            })));
+            place.keep(move |cx| cx.call_slot::<Result<R, Access>>(back.id, S::META.uid, &found));
         })))
     }
 }
