@@ -32,7 +32,7 @@ pub struct Cx {
     pub(crate) depth: usize,
     /// Beyond this depth `emit` takes the careful path; 0 while calls are being timed.
     pub(crate) depth_max: usize,
-    pub(crate) chain: Box<[Frame; Frame::ROOM]>,
+    pub(crate) chain: [Frame; Frame::ROOM],
     pub(crate) counters: Counters,
     pub(crate) queue: VecDeque<Token>,
     pub(crate) table: Table,
@@ -98,7 +98,7 @@ impl Cx {
         let mut cx = Cx {
             depth: 0,
             depth_max: DIRECT_DEPTH_MAX,
-            chain: Box::new([Frame::NOBODY; Frame::ROOM]),
+            chain: [Frame::NOBODY; Frame::ROOM],
             counters: Counters::default(),
             queue: VecDeque::new(),
             table: Table::new(),

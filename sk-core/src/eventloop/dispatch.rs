@@ -8,6 +8,7 @@ use crate::object::{AnyNode, DEFERRED, Handle, Header, ObjectId, SkObject, WAITI
 use crate::signal::{Call, Links, OnceCall, Signal, SlotMeta};
 use sk_flat::{Instant, SkElapsedTime};
 use std::any::TypeId;
+use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
 use std::time::Duration;
@@ -17,18 +18,28 @@ pub(crate) const DIRECT_DEPTH_MAX: usize = 64;
 /// How many failures are logged a second; the rest are counted.
 const FAILURES_LOGGED_PER_SECOND_MAX: u32 = 10;
 
-/// One level of nested calls: whose slot runs, and how many slots of the emit it is in are still to run.
+thread_local! {
+    /// Slots of nested emissions that a panic on its way to its guard has skipped. It is set while the stack
+    /// unwinds, when nothing else can be reached, and taken by that guard.
+    static SKIPPED: Cell<u64> = const { Cell::new(0) };
+}
+
+#[cold]
+pub(crate) fn note_skipped(slots: usize) {
+    SKIPPED.set(SKIPPED.get() + slots as u64);
+}
+
+/// One level of nested calls: whose slot runs.
 #[derive(Clone, Copy)]
 pub(crate) struct Frame {
     object: ObjectId,
     slot: Option<&'static SlotMeta>,
-    left: u32,
 }
 
 impl Frame {
     /// Twice the depth limit, so that an index can be masked instead of checked.
     pub(crate) const ROOM: usize = (DIRECT_DEPTH_MAX * 2).next_power_of_two();
-    pub(crate) const NOBODY: Frame = Frame { object: ObjectId::NOBODY, slot: None, left: 0 };
+    pub(crate) const NOBODY: Frame = Frame { object: ObjectId::NOBODY, slot: None };
 }
 
 /// Times single calls, for one second after a step was too long, to find the culprit.
@@ -65,11 +76,6 @@ impl Cx {
         let frame = &mut self.chain[self.depth & (Frame::ROOM - 1)];
         frame.object = object;
         frame.slot = Some(slot);
-    }
-
-    #[inline(always)]
-    pub(crate) fn set_left(&mut self, left: usize) {
-        self.chain[self.depth & (Frame::ROOM - 1)].left = left as u32;
     }
 
     /// The object whose slot runs.
@@ -211,8 +217,7 @@ impl Cx {
         self.depth = depth;
         self.timing.nested = Duration::ZERO;
         let innermost = *frames.last().unwrap_or(&Frame::NOBODY);
-        // The slots after the first level's are not skipped: each has a guard of its own.
-        let skipped = frames.iter().skip(1).map(|frame| u64::from(frame.left)).sum();
+        let skipped = SKIPPED.take();
         let chain = frames.iter().map(|frame| self.frame_name(frame)).collect();
         for frame in &frames {
             self.put_off_waiting(frame.object);
