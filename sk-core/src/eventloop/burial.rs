@@ -101,6 +101,7 @@ impl Cx {
         self.counters.buried += 1;
         if let Some(waiting) = self.parked.remove(&id.index) {
             self.counters.gone += waiting.len() as u64;
+            self.drop_each(waiting);
         }
         if let Some(node) = node {
             // The value's own `Drop` is the user's code.
@@ -110,7 +111,8 @@ impl Cx {
             }
         }
         if !self.crossings_to.is_empty() {
-            self.bury_crossings(id);
+            // The arguments of calls under way may go with them.
+            self.guarded(|cx| cx.bury_crossings(id));
         }
         self.sources.forget(id);
         if self.own_buried_listeners || self.watches.contains_key(&id) {
@@ -140,13 +142,25 @@ impl Cx {
                 self.bury_marked(self.table.living() as usize);
             }
         }
-        self.queue.clear();
+        // Arguments and work hold what users made: each is dropped with a guard of its own.
+        let queue = std::mem::take(&mut self.queue);
+        self.drop_each(queue);
         self.inbox.clear();
-        self.remote_calls.clear();
-        self.parked.clear();
+        let remote_calls = std::mem::take(&mut self.remote_calls);
+        self.drop_each(remote_calls);
+        for (_, waiting) in std::mem::take(&mut self.parked) {
+            self.drop_each(waiting);
+        }
         self.rewires.clear();
-        self.crossings.clear();
+        let crossings = std::mem::take(&mut self.crossings);
+        self.drop_each(crossings.into_values());
         self.news.clear();
+    }
+
+    fn drop_each<T>(&mut self, things: impl IntoIterator<Item = T>) {
+        for thing in things {
+            self.guarded(|_| drop(thing));
+        }
     }
 }
 

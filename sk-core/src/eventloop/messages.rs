@@ -27,9 +27,11 @@ impl OnceCall for OwnWork {
 
 impl Cx {
     /// Takes what waits in the mailbox: bookkeeping is done, calls are kept for step 6, requests for step 8.
+    /// A loop that takes messages while it waits for its moment keeps no more of them than the mailbox does.
     pub(crate) fn take_messages(&mut self) -> bool {
         let mut taken = 0;
         while taken < MESSAGES_PER_TURN_MAX
+            && self.remote_calls.len() < self.settings.mailbox_messages_max
             && let Some(message) = self.inbox.take()
         {
             taken += 1;
@@ -37,7 +39,8 @@ impl Cx {
                 Message::Call(number) => self.remote_calls.push_back(RemoteCall::Crossing(number)),
                 Message::Ring(number, ring) => self.remote_calls.push_back(RemoteCall::Ring(number, ring)),
                 Message::Run(work) => self.remote_calls.push_back(RemoteCall::Run(work)),
-                Message::Settle(work) => work(self),
+                // What arrives here may hold what users made, and drop it.
+                Message::Settle(work) => self.guarded(work),
                 Message::Rewire(rewire) => {
                     // Refused, it is counted and logged.
                     let _ = self.keep_rewire(*rewire);
@@ -134,5 +137,33 @@ impl Cx {
                 tracing::warn!("a request to attach or detach was refused by another thread: {error}");
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::testing::Simulation;
+
+    struct Guest;
+    crate::object! { Guest { } }
+
+    #[test]
+    fn messages_taken_while_the_loop_waits_stay_within_the_bound() {
+        const ROOM: usize = 100;
+        let mut app = Simulation::new(1).app_with(|settings| settings.mailbox_messages_max = ROOM);
+        let cx = app.cx();
+        let guest = cx.spawn(Guest);
+        let guest = cx.remote(guest);
+        let mut accepted = 0;
+        for _ in 0..10 {
+            while guest.post(|_, _| ()).is_ok() {
+                accepted += 1;
+            }
+            // As in the spin before a deadline: no step 6 comes between.
+            cx.take_messages();
+        }
+        assert_eq!(accepted, 2 * ROOM, "as many as wait, and as many as were taken");
+        cx.run_remote_calls();
+        assert!(cx.take_messages());
     }
 }

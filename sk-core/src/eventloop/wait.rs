@@ -163,8 +163,8 @@ impl Cx {
                 self.round(true, Some(due));
             }
             Plan::Io(due) => {
-                self.wait_for_io(due);
-                self.round(true, None);
+                let tick = self.wait_for_io(due);
+                self.round(tick, None);
             }
         }
     }
@@ -184,12 +184,18 @@ impl Cx {
         }
     }
 
-    fn wait_for_io(&mut self, due: Instant) {
+    /// Answers whether the round after it is a tick: something came, or it is due.
+    fn wait_for_io(&mut self, due: Instant) -> bool {
         let span = due.since(self.world.clock.now());
         // A sender that sees the loop asleep writes to its waker; one that does not needs no system call.
-        let span = if span.is_zero() || self.inbox.fall_asleep() { span } else { Duration::ZERO };
-        self.look_at_sources(Some(span));
+        let waits = span.is_zero() || self.inbox.fall_asleep();
+        self.look_at_sources(Some(if waits { span } else { Duration::ZERO }));
         self.inbox.wake_up();
+        // A sender interrupted in the middle keeps the loop from its sleep, but nothing has come of it yet.
+        waits
+            || self.inbox.holds_any()
+            || !self.sources.none_ready()
+            || self.world.clock.now() >= self.pacing.last_tick + self.settings.interval
     }
 
     // ---- what the operating system is asked for ----
@@ -270,6 +276,27 @@ impl Cx {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::eventloop::SkApp;
+    use crate::thread::Message;
+
+    #[test]
+    fn a_message_that_is_only_announced_is_no_tick() {
+        let mut app = SkApp::builder()
+            .mode(TimingMode::SelectIo)
+            .interval(Duration::from_secs(3600))
+            .build()
+            .unwrap();
+        let mailbox = app.cx().own_mailbox();
+        mailbox.announce();
+        for _ in 0..10 {
+            app.pulse();
+        }
+        let stats = app.cx().stats();
+        assert_eq!((stats.rounds, stats.ticks), (10, 0));
+        mailbox.put_in_announced(Message::Run(Box::new(|_| ())));
+        app.pulse();
+        assert_eq!(app.cx().stats().ticks, 1, "the message itself is one");
+    }
 
     #[test]
     fn the_margin_follows_the_99th_percentile_not_the_outliers() {

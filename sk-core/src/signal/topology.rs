@@ -177,18 +177,23 @@ impl Cx {
     /// Step 8. Spent and dead links go first, so that a one-shot can be attached anew from its own slot.
     pub(crate) fn rewire(&mut self) {
         self.sweep_noted();
-        // Requests made by what runs here (a log subscriber, a closing link) wait for the next round.
+        // Requests made by what runs here (a log subscriber, a closing link) wait for the next round. A link
+        // that goes may drop the last hold on arguments under way, whose `Drop` is the user's code.
         for _ in 0..self.rewires.len() {
-            match self.rewires.pop_front() {
-                Some(Rewire::Attach(wish)) => self.make_link(wish),
-                Some(Rewire::Detach { source, signal, target, slot }) => {
-                    let key = LinkKey { target: target_id(&target), slot };
-                    self.with_signal(source, signal.uid, |signal| signal.detach(key));
-                }
-                Some(Rewire::Lost { source, signal, key }) => {
-                    self.with_signal(source, signal, |signal| signal.detach(key));
-                }
-                None => break,
+            let Some(rewire) = self.rewires.pop_front() else { break };
+            self.guarded(|cx| cx.carry_out(rewire));
+        }
+    }
+
+    fn carry_out(&mut self, rewire: Rewire) {
+        match rewire {
+            Rewire::Attach(wish) => self.make_link(wish),
+            Rewire::Detach { source, signal, target, slot } => {
+                let key = LinkKey { target: target_id(&target), slot };
+                self.with_signal(source, signal.uid, |signal| signal.detach(key));
+            }
+            Rewire::Lost { source, signal, key } => {
+                self.with_signal(source, signal, |signal| signal.detach(key));
             }
         }
     }
@@ -196,11 +201,7 @@ impl Cx {
     fn sweep_noted(&mut self) {
         let mut noted = std::mem::take(&mut self.sweeps);
         for emitter in noted.drain(..) {
-            if let Some(node) = self.table.node(emitter).cloned() {
-                node.each_signal(&mut |_, signal| {
-                    signal.sweep();
-                });
-            }
+            self.sweep(emitter);
         }
         self.sweeps = noted;
     }
@@ -209,11 +210,17 @@ impl Cx {
     pub(crate) fn sweep_everything(&mut self) {
         let ids: Vec<ObjectId> = self.table.ids().collect();
         for id in ids {
-            if let Some(node) = self.table.node(id).cloned() {
+            self.sweep(id);
+        }
+    }
+
+    fn sweep(&mut self, emitter: ObjectId) {
+        if let Some(node) = self.table.node(emitter).cloned() {
+            self.guarded(|_| {
                 node.each_signal(&mut |_, signal| {
                     signal.sweep();
                 });
-            }
+            });
         }
     }
 

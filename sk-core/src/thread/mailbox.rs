@@ -6,6 +6,7 @@ use crate::thread::PostError;
 use crate::world::Wake;
 use crossbeam_channel::{Receiver, Sender};
 use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering, fence};
 
@@ -129,6 +130,18 @@ impl Mailbox {
         self.waiting.load(Ordering::Relaxed)
     }
 
+    /// A sender has counted its message and not put it in yet.
+    #[cfg(test)]
+    pub(crate) fn announce(&self) {
+        self.waiting.fetch_add(1, Ordering::Relaxed);
+    }
+
+    #[cfg(test)]
+    pub(crate) fn put_in_announced(&self, message: Message) {
+        self.waiting.fetch_sub(1, Ordering::Relaxed);
+        self.post_anyway(message).unwrap_or_else(|error| panic!("{error}"));
+    }
+
     pub(crate) fn new_crossing(&self) -> u64 {
         self.next_crossing.fetch_add(1, Ordering::Relaxed)
     }
@@ -177,7 +190,13 @@ impl Inbox {
         Some(message)
     }
 
-    /// Says that the loop is about to sleep; `false` if a message is there and it must not.
+    /// Whether a message can be taken. A sender that was interrupted between counting its message and
+    /// putting it in has none here yet.
+    pub(crate) fn holds_any(&self) -> bool {
+        !self.receiver.is_empty()
+    }
+
+    /// Says that the loop is about to sleep; `false` if a message is there, or about to be, and it must not.
     pub(crate) fn fall_asleep(&self) -> bool {
         self.mailbox.asleep.store(true, Ordering::Relaxed);
         fence(Ordering::SeqCst);
@@ -197,9 +216,13 @@ impl Inbox {
         self.mailbox.closed.store(true, Ordering::Release);
     }
 
-    /// Drops what still waits.
+    /// Drops what still waits. What it holds may have a `Drop` of the user's, and that may panic.
     pub(crate) fn clear(&self) {
-        while self.receiver.try_recv().is_ok() {}
+        while let Ok(message) = self.receiver.try_recv() {
+            if catch_unwind(AssertUnwindSafe(|| drop(message))).is_err() {
+                tracing::error!("what a message held panicked as it was dropped");
+            }
+        }
     }
 }
 
