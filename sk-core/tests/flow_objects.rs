@@ -251,3 +251,134 @@ fn s81_a_stranger_is_not_let_in() {
     assert!(seen.iter().any(|what| what.starts_with("refused")), "{seen:?}");
     assert!(!seen.iter().any(|what| what == "ready"));
 }
+
+/// Stands still for a while, as a process that was stopped and continued.
+struct Sleeper {
+    simulation: std::sync::Arc<sk_core::world::SimulatedClock>,
+}
+impl Sleeper {
+    fn stand_still(&mut self, _cx: &mut Cx) {
+        self.simulation.advance(Duration::from_secs(10));
+    }
+}
+object! { Sleeper { slots { stand_still() } } }
+
+#[test]
+fn a_loop_that_stood_still_keeps_the_modules_inside() {
+    let simulation = Simulation::new(6);
+    let mut app = simulation.app_with(|settings| settings.mode = TimingMode::SelectIo);
+    let cx = app.cx();
+    let server = SkFlowServer::start(cx, settings(USER_ID));
+    let pipe = server.pipe(cx, Rights::ALL).unwrap();
+    let inside = SkFlowSat::inside(cx, pipe);
+    inside.open(cx, "count", SkVariant::map([("unit", "1".into())])).unwrap();
+    simulation.run_for(&mut app, Duration::from_secs(1));
+    let cx = app.cx();
+    let sleeper = cx.spawn(Sleeper { simulation: simulation.clock() });
+    attach!(cx, cx.fast_zone().pulse => sleeper.stand_still, OneShot);
+    simulation.run_for(&mut app, Duration::from_secs(30));
+    assert_eq!(server.channels(app.cx()).unwrap().len(), 1);
+}
+
+/// Publishes some large messages in one slot.
+struct Heavy {
+    hub: Handle<SkFlowSat>,
+}
+impl Heavy {
+    fn go(&mut self, cx: &mut Cx, _channel: &str) {
+        for n in 0..3u8 {
+            self.hub.publish_bytes(cx, "heavy", vec![n; 10 << 20]);
+        }
+    }
+}
+object! { Heavy { slots { go(&str) } } }
+
+#[derive(Default)]
+struct Weigher {
+    lengths: Vec<usize>,
+    at: Vec<Instant>,
+}
+impl Weigher {
+    fn hear(&mut self, cx: &mut Cx, message: &FlowMessage) {
+        self.lengths.push(message.payload().len());
+        self.at.push(cx.now());
+    }
+}
+object! { Weigher { slots { hear(&FlowMessage) } } }
+
+#[test]
+fn messages_larger_than_a_pipe_arrive_without_waiting_for_a_ping() {
+    let simulation = Simulation::new(7);
+    let mut app = simulation.app_with(|settings| settings.mode = TimingMode::SelectIo);
+    let cx = app.cx();
+    let server = SkFlowServer::start(cx, settings(USER_ID));
+    let (a, b) = (server.pipe(cx, Rights::ALL).unwrap(), server.pipe(cx, Rights::ALL).unwrap());
+    let (a, b) = (SkFlowSat::inside(cx, a), SkFlowSat::inside(cx, b));
+    a.open(cx, "heavy", SkVariant::map([("format", "bytes".into())])).unwrap();
+    let heavy = cx.spawn(Heavy { hub: a });
+    attach!(cx, a.start_publishing => heavy.go);
+    let weigher = cx.spawn(Weigher::default());
+    b.subscribe(cx, "robot.heavy").unwrap();
+    attach!(cx, b.message => weigher.hear);
+    simulation.run_for(&mut app, Duration::from_millis(200));
+    let (lengths, at) = app.cx().with(weigher, |w, _| (w.lengths.clone(), w.at.clone())).unwrap();
+    assert_eq!(lengths, [10 << 20; 3], "at {at:?}");
+}
+
+/// Says a last word when it is buried.
+struct Dying {
+    hub: Handle<SkFlowSat>,
+}
+impl Dying {
+    fn on_destroy(&mut self, cx: &mut Cx) {
+        self.hub.publish(cx, "count", 4);
+    }
+}
+object! { Dying { hooks { on_destroy } } }
+
+#[test]
+fn last_words_arrive_before_everybody_is_told_of_the_end() {
+    let simulation = Simulation::new(8);
+    let mut app = simulation.app_with(|settings| settings.mode = TimingMode::SelectIo);
+    let cx = app.cx();
+    let server = SkFlowServer::start(cx, settings(USER_ID));
+    let address = server.listen(cx, &HubAddress::Unix("/hub".into())).unwrap();
+    let pipe = server.pipe(cx, Rights::ALL).unwrap();
+    let inside = SkFlowSat::inside(cx, pipe);
+    inside
+        .open(cx, "count", SkVariant::map([("format", "variant".into())]))
+        .unwrap();
+    let dying = cx.under(inside).spawn(Dying { hub: inside });
+    let outside = SkFlowSat::connect(cx, &address);
+    let sink = cx.spawn(Sink { quit_after: usize::MAX, ..Sink::default() });
+    let watcher = cx.spawn(Watcher::default());
+    outside.subscribe(cx, "robot.count").unwrap();
+    attach!(cx, outside.message => sink.hear);
+    attach!(cx, outside.lost => watcher.lost);
+    attach!(cx, server.ended => watcher.ready());
+    simulation.run_for(&mut app, Duration::from_secs(1));
+    let cx = app.cx();
+    cx.destroy_later(dying);
+    app.pulse();
+    let cx = app.cx();
+    cx.destroy_later(inside);
+    server.shut_down(cx).unwrap();
+    simulation.run_for(&mut app, Duration::from_secs(3));
+    assert_eq!(app.cx().with(sink, |sink, _| sink.values.clone()), Ok(vec![4]));
+    let seen = app.cx().with(watcher, |watcher, _| watcher.seen.clone()).unwrap();
+    assert!(seen.contains(&"lost".to_owned()) && seen.contains(&"ready".to_owned()), "{seen:?}");
+}
+
+#[test]
+fn a_timer_set_before_the_first_round_counts_from_when_it_was_set() {
+    let simulation = Simulation::new(9);
+    let mut app = simulation.app();
+    simulation.clock().advance(Duration::from_secs(5));
+    let cx = app.cx();
+    let timer = cx.spawn(Timer::default());
+    timer.start_once(cx, Duration::from_millis(300)).unwrap();
+    simulation.run_for(&mut app, Duration::from_millis(250));
+    assert_eq!(timer.is_running(app.cx()), Ok(true));
+    simulation.run_for(&mut app, Duration::from_millis(100));
+    assert_eq!(timer.is_running(app.cx()), Ok(false));
+}

@@ -7,6 +7,7 @@ use sk_core::flow::{Flow, HubAddress, Rights, SkFlowSat, SkFlowServer};
 use sk_core::module::{AbstractModule, AnyRunner, Modules, RestartPolicy, Runner};
 use sk_core::object::NameError;
 use sk_core::prelude::*;
+use sk_flat::Name;
 use std::io::{self, ErrorKind};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -23,6 +24,7 @@ pub struct Hub {
     pub server: Handle<SkFlowServer>,
     /// The modules.
     pub modules: Handle<Modules>,
+    satellites: Vec<Handle<SkFlowSat>>,
     addresses: Vec<HubAddress>,
     places: Places,
     failures: Vec<(String, String)>,
@@ -150,10 +152,10 @@ impl HubBuilder {
     /// # Errors
     /// If the hub has no place for its files, cannot listen, or a module's name is given twice.
     pub fn start(self, cx: &mut Cx) -> Result<Hub, HubError> {
-        let account = self
-            .account
-            .parse()
-            .map_err(|error| HubError::Account(self.account.clone(), error))?;
+        let refused = |error| HubError::Account(self.account.clone(), error);
+        let account: Name = self.account.parse().map_err(refused)?;
+        // The account stands before the first dot of its channels' names, so it cannot have one.
+        Name::compose(&account, &account).map_err(refused)?;
         let places = Places::find(self.state_dir.as_deref())?;
         let token = owner::read_or_make(cx.world(), &places)?;
         // Programs of the user whose files these are may come in without a token.
@@ -175,9 +177,12 @@ impl HubBuilder {
             }
         }
         let modules = Modules::spawn(cx);
+        let mut satellites = Vec::new();
         for module in &self.modules {
             let pipe = server.pipe(cx, Rights::ALL).map_err(HubError::Link)?;
-            let flow = SkFlowSat::inside(cx, pipe).flow(module.name);
+            let satellite = SkFlowSat::inside(cx, pipe);
+            satellites.push(satellite);
+            let flow = satellite.flow(module.name);
             modules
                 .add(cx, (module.runner)(flow), RestartPolicy::default())
                 .map_err(|error| HubError::Module(module.name, error))?;
@@ -187,7 +192,7 @@ impl HubBuilder {
             .into_iter()
             .map(|(at, why)| (cx.name_of(at).unwrap_or("?").to_owned(), why))
             .collect();
-        Ok(Hub { server, modules, addresses, places, failures })
+        Ok(Hub { server, modules, satellites, addresses, places, failures })
     }
 }
 
@@ -218,11 +223,18 @@ impl Hub {
         &self.failures
     }
 
-    /// Stops it: modules in reverse order, then the server, which tells everybody. What is queued for the
-    /// network goes out in the rounds that follow.
+    /// Begins to stop it: modules in reverse order, then their links, whose last words go out, then the server,
+    /// which tells everybody. The loop must go on pulsing until the server emits
+    /// [`ended`](SkFlowServer::ended); that takes some rounds, and two seconds at most.
     pub fn stop(&self, cx: &mut Cx) {
         self.modules.stop(cx);
         cx.destroy_later(self.modules);
-        cx.destroy_later(self.server);
+        for satellite in &self.satellites {
+            cx.destroy_later(*satellite);
+        }
+        if self.server.shut_down(cx).is_err() {
+            // It has ended before, or this is one of its own slots: the end of the loop does the rest.
+            cx.destroy_later(self.server);
+        }
     }
 }

@@ -22,6 +22,15 @@ pub enum TokenFileError {
         #[source]
         error: io::Error,
     },
+    /// The folder of the state cannot be made.
+    #[error("cannot make the state folder {path}: {error}; choose another --state-dir", path = path.display())]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// What the file system said.
+        #[source]
+        error: io::Error,
+    },
     /// The file is not a token.
     #[error("{path}: {error}; remove the file and restart the hub to get a new token", path = path.display())]
     Malformed {
@@ -69,10 +78,11 @@ pub fn read(world: &World, places: &Places) -> Result<Option<OwnerToken>, TokenF
 /// As [`read`], or if the file cannot be made.
 pub fn read_or_make(world: &mut World, places: &Places) -> Result<OwnerToken, TokenFileError> {
     let refused = |path: PathBuf| move |error| TokenFileError::Io { path, error };
+    let folder = places.state().to_owned();
     world
         .storage
-        .create_dir(places.state())
-        .map_err(refused(places.state().to_owned()))?;
+        .create_dir(&folder)
+        .map_err(|error| TokenFileError::Folder { path: folder, error })?;
     if let Some(token) = read(world, places)? {
         return Ok(token);
     }

@@ -270,3 +270,42 @@ fn a_module_can_be_left_out_and_a_wrong_name_is_an_error() {
         .unwrap();
     assert!(text(&refused.stderr).contains("there are host"), "{}", text(&refused.stderr));
 }
+
+#[test]
+fn an_account_with_a_dot_is_refused() {
+    let folder = new_folder();
+    let refused = Command::new(env!("CARGO_BIN_EXE_skrobot"))
+        .arg("--state-dir")
+        .arg(&folder)
+        .args(["--account", "a.b", "--tcp", "off"])
+        .output()
+        .unwrap();
+    assert!(!refused.status.success());
+    assert!(text(&refused.stderr).contains("a.b"), "{}", text(&refused.stderr));
+    let _ = std::fs::remove_dir_all(&folder);
+}
+
+#[test]
+fn a_hub_whose_output_nobody_reads_runs_on() {
+    let folder = new_folder();
+    let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let mut process = Command::new(env!("CARGO_BIN_EXE_skrobot"))
+        .arg("--state-dir")
+        .arg(&folder)
+        .args(["--tcp", "off"])
+        .stdout(full)
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // It says so in its log, and serves.
+    let mut log = BufReader::new(process.stderr.take().unwrap());
+    let mut line = String::new();
+    while !line.contains("standard output") {
+        line.clear();
+        assert_ne!(log.read_line(&mut line).unwrap(), 0, "the hub ended");
+    }
+    assert!(sk(&folder, &["ls"]).status.success());
+    process.kill().unwrap();
+    process.wait().unwrap();
+    let _ = std::fs::remove_dir_all(&folder);
+}

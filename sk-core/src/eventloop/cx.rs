@@ -32,7 +32,7 @@ pub struct Cx {
     pub(crate) depth: usize,
     /// Beyond this depth `emit` takes the careful path; 0 while calls are being timed.
     pub(crate) depth_max: usize,
-    pub(crate) chain: Box<[Frame; Frame::ROOM]>,
+    pub(crate) chain: [Frame; Frame::ROOM],
     pub(crate) counters: Counters,
     pub(crate) queue: VecDeque<Token>,
     pub(crate) table: Table,
@@ -67,6 +67,8 @@ pub struct Cx {
     pub(crate) queue_full_told: bool,
     /// A call was refused since the last account: the episode goes on.
     pub(crate) queue_full_now: bool,
+    /// A round is under way, so that its beginning is the present for everybody.
+    pub(crate) in_round: bool,
     /// Somebody listens to every burial; looked up once per burial step.
     pub(crate) own_buried_listeners: bool,
     pub(crate) trace: Option<crate::testing::Trace>,
@@ -98,7 +100,7 @@ impl Cx {
         let mut cx = Cx {
             depth: 0,
             depth_max: DIRECT_DEPTH_MAX,
-            chain: Box::new([Frame::NOBODY; Frame::ROOM]),
+            chain: [Frame::NOBODY; Frame::ROOM],
             counters: Counters::default(),
             queue: VecDeque::new(),
             table: Table::new(),
@@ -128,6 +130,7 @@ impl Cx {
             ended: false,
             queue_full_told: false,
             queue_full_now: false,
+            in_round: false,
             own_buried_listeners: false,
             trace: None,
             scheduler: std::rc::Weak::new(),
@@ -372,9 +375,10 @@ impl Cx {
         &self.pulse
     }
 
-    /// When this round began. Reads no clock; for the very present ask [`clock_now`](Cx::clock_now).
+    /// When this round began: inside a slot no clock is read, and all slots of a round see one instant. Before
+    /// and between rounds it is the very present; for that inside a slot ask [`clock_now`](Cx::clock_now).
     pub fn now(&self) -> Instant {
-        self.pulse.now
+        if self.in_round { self.pulse.now } else { self.world.clock.now() }
     }
 
     /// Reads the clock: about 20 ns.

@@ -8,6 +8,7 @@ use crate::object::{AnyNode, DEFERRED, DRAINING, Handle, Header, ObjectId, SkObj
 use crate::signal::{Call, Links, OnceCall, Signal, SlotMeta};
 use sk_flat::{Instant, SkElapsedTime};
 use std::any::TypeId;
+use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
 use std::time::Duration;
@@ -17,18 +18,28 @@ pub(crate) const DIRECT_DEPTH_MAX: usize = 64;
 /// How many failures are logged a second; the rest are counted.
 const FAILURES_LOGGED_PER_SECOND_MAX: u32 = 10;
 
-/// One level of nested calls: whose slot runs, and how many slots of the emit it is in are still to run.
+thread_local! {
+    /// Slots of nested emissions that a panic on its way to its guard has skipped. It is set while the stack
+    /// unwinds, when nothing else can be reached, and taken by that guard.
+    static SKIPPED: Cell<u64> = const { Cell::new(0) };
+}
+
+#[cold]
+pub(crate) fn note_skipped(slots: usize) {
+    SKIPPED.set(SKIPPED.get() + slots as u64);
+}
+
+/// One level of nested calls: whose slot runs.
 #[derive(Clone, Copy)]
 pub(crate) struct Frame {
     object: ObjectId,
     slot: Option<&'static SlotMeta>,
-    left: u32,
 }
 
 impl Frame {
     /// Twice the depth limit, so that an index can be masked instead of checked.
     pub(crate) const ROOM: usize = (DIRECT_DEPTH_MAX * 2).next_power_of_two();
-    pub(crate) const NOBODY: Frame = Frame { object: ObjectId::NOBODY, slot: None, left: 0 };
+    pub(crate) const NOBODY: Frame = Frame { object: ObjectId::NOBODY, slot: None };
 }
 
 /// Times single calls, for one second after a step was too long, to find the culprit.
@@ -40,6 +51,16 @@ pub(crate) struct CallTiming {
     nested: Duration,
     pub slowest: Option<(Duration, ObjectId, &'static SlotMeta)>,
 }
+
+/// Stands where a slot would, for the work of framework objects that no slot of theirs does.
+static OWN_WORK: SlotMeta = SlotMeta {
+    name: "(its sockets)",
+    class: "",
+    args: "",
+    uid: 0,
+    args_type: || TypeId::of::<()>(),
+    prepare: |_, _| Err("this is no slot".to_owned()),
+};
 
 /// Keeps a failing slot from flooding the log.
 #[derive(Default)]
@@ -55,11 +76,6 @@ impl Cx {
         let frame = &mut self.chain[self.depth & (Frame::ROOM - 1)];
         frame.object = object;
         frame.slot = Some(slot);
-    }
-
-    #[inline(always)]
-    pub(crate) fn set_left(&mut self, left: usize) {
-        self.chain[self.depth & (Frame::ROOM - 1)].left = left as u32;
     }
 
     /// The object whose slot runs.
@@ -205,8 +221,7 @@ impl Cx {
         self.depth = depth;
         self.timing.nested = Duration::ZERO;
         let innermost = *frames.last().unwrap_or(&Frame::NOBODY);
-        // The slots after the first level's are not skipped: each has a guard of its own.
-        let skipped = frames.iter().skip(1).map(|frame| u64::from(frame.left)).sum();
+        let skipped = SKIPPED.take();
         let chain = frames.iter().map(|frame| self.frame_name(frame)).collect();
         for frame in &frames {
             self.put_off_waiting(frame.object);
@@ -358,6 +373,21 @@ impl Cx {
         self.note_own_time(spent.saturating_sub(nested));
     }
 
+    /// What the loop does for a framework object of its own accord: serving its socket, writing what it has
+    /// gathered. While calls are timed its time, without that of the slots it called, stands beside theirs.
+    pub(crate) fn as_own_work<R>(&mut self, owner: ObjectId, work: impl FnOnce(&mut Cx) -> R) -> R {
+        if !self.timing.on {
+            return work(self);
+        }
+        self.timing.nested = Duration::ZERO;
+        let before = self.world.clock.now();
+        let done = work(self);
+        self.enter(owner, &OWN_WORK);
+        self.note_call_time(before);
+        self.restore_chain_top(Frame::NOBODY);
+        done
+    }
+
     fn note_call_time(&mut self, before: Instant) {
         let nested = std::mem::take(&mut self.timing.nested);
         let spent = self.world.clock.now().since(before);
@@ -375,7 +405,49 @@ impl Cx {
 
     pub(crate) fn culprit(&self) -> Option<Culprit> {
         let (time, object, slot) = self.timing.slowest?;
-        let (path, slot) = (self.path_of(object), format!("{}.{}", slot.class, slot.name));
+        let class = self.class_of(object).map_or(slot.class, |class| class.name);
+        let (path, slot) = (self.path_of(object), format!("{class}.{}", slot.name));
         Some(Culprit { object, path, slot, time })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::eventloop::Overload;
+    use crate::testing::Simulation;
+    use crate::world::Readiness;
+    use crate::{Cx, ObjectId, attach, object};
+    use std::time::Duration;
+
+    #[derive(Default)]
+    struct Guard {
+        seen: Vec<String>,
+    }
+    impl Guard {
+        fn overloaded(&mut self, _cx: &mut Cx, overload: &Overload) {
+            let culprit = overload.culprit.as_ref();
+            self.seen
+                .push(culprit.map_or("nobody".to_owned(), |c| format!("{} of {}", c.slot, c.path)));
+        }
+    }
+    object! { Guard { slots { overloaded(&Overload) } } }
+
+    fn slow_source(cx: &mut Cx, _owner: ObjectId, _readiness: Readiness) -> bool {
+        cx.world().clock.sleep(Duration::from_millis(9));
+        true
+    }
+
+    #[test]
+    fn the_work_of_a_framework_object_is_a_culprit_too() {
+        let simulation = Simulation::new(1);
+        let mut app = simulation.app();
+        let cx = app.cx();
+        let server = cx.named("server").spawn(Guard::default());
+        attach!(cx, cx.event_loop().overloaded => server.overloaded);
+        let token = cx.add_source(server.id(), slow_source);
+        cx.offer_source(token);
+        simulation.run_for(&mut app, Duration::from_millis(200));
+        let seen = app.cx().with(server, |guard, _| guard.seen.clone());
+        assert_eq!(seen, Ok(vec!["Guard.(its sockets) of server".to_owned()]));
     }
 }

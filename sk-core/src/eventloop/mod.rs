@@ -21,6 +21,7 @@ mod zone;
 pub(crate) use app::step;
 pub use app::{AppError, Run, SkApp, SkAppBuilder};
 pub use cx::{Cx, Spawner};
+pub(crate) use dispatch::note_skipped;
 pub use histogram::{Distribution, Histogram};
 pub(crate) use poll::{Dispatch, OS_SIGNALS_TOKEN};
 pub use pulse::Pulse;

@@ -31,6 +31,12 @@ struct Source {
     queued: bool,
 }
 
+impl Source {
+    fn token(&self, key: usize) -> Token {
+        Token(u64::from(self.generation) << 32 | key as u64)
+    }
+}
+
 /// The descriptors of a loop and which of them are ready.
 #[derive(Default)]
 pub(crate) struct Sources {
@@ -40,7 +46,8 @@ pub(crate) struct Sources {
     rewires: u64,
     /// Tokens carry it, so that an event of a source that is gone finds nobody.
     generation: u32,
-    ready: VecDeque<usize>,
+    /// One that has gone meanwhile is passed over when its turn comes.
+    ready: VecDeque<Token>,
     fresh: Vec<Readiness>,
     dirty: VecDeque<(ObjectId, Flush)>,
     /// Listeners that wait for descriptors; looked at once a round.
@@ -54,6 +61,11 @@ impl Sources {
         self.ready.is_empty() && self.dirty.is_empty()
     }
 
+    fn get_mut(&mut self, token: Token) -> Option<&mut Source> {
+        let (key, generation) = (token.0 as u32 as usize, (token.0 >> 32) as u32);
+        self.entries.get_mut(key).filter(|source| source.generation == generation)
+    }
+
     /// The owner is buried.
     pub(crate) fn forget(&mut self, owner: ObjectId) {
         if self.owned.is_empty() {
@@ -61,7 +73,6 @@ impl Sources {
         }
         for key in self.owned.remove(&owner).unwrap_or_default() {
             self.entries.remove(key);
-            self.ready.retain(|&ready| ready != key);
         }
     }
 
@@ -86,7 +97,7 @@ impl Sources {
                 source.readable = true;
                 if !source.queued {
                     source.queued = true;
-                    self.ready.push_back(key);
+                    self.ready.push_back(source.token(key));
                 }
             }
         }
@@ -102,15 +113,12 @@ impl Sources {
             self.os_signals_ready = true;
             return;
         }
-        let (key, generation) = (event.token.0 as u32 as usize, (event.token.0 >> 32) as u32);
-        let Some(source) = self.entries.get_mut(key).filter(|source| source.generation == generation) else {
-            return;
-        };
+        let Some(source) = self.get_mut(event.token) else { return };
         source.readable |= event.readable;
         source.writable |= event.writable;
         if !source.queued {
             source.queued = true;
-            self.ready.push_back(key);
+            self.ready.push_back(event.token);
         }
     }
 }
@@ -135,7 +143,6 @@ impl Cx {
         if let Some(owner) = entry.map(|source| source.owner) {
             self.sources.entries.remove(key);
             self.sources.disown(key, owner);
-            self.sources.ready.retain(|&ready| ready != key);
         }
     }
 
@@ -209,49 +216,37 @@ impl Cx {
             _ => began + self.settings.interval / 2,
         };
         let mut newborn = Vec::new();
-        while let Some(key) = self.sources.ready.pop_front() {
-            if self
-                .sources
-                .entries
-                .get(key)
-                .is_some_and(|source| source.born == self.sources.rewires)
-            {
-                newborn.push(key);
-                continue;
+        while let Some(token) = self.sources.ready.pop_front() {
+            let rewires = self.sources.rewires;
+            match self.sources.get_mut(token) {
+                None => continue,
+                Some(source) if source.born == rewires => {
+                    newborn.push(token);
+                    continue;
+                }
+                Some(_) => {}
             }
             served = true;
-            self.serve(key);
+            self.serve(token);
             if self.sources.ready.is_empty() || self.world.clock.now() >= until {
                 break;
             }
         }
-        let sources = &mut self.sources;
-        // One that went meanwhile is not in `ready` any more, and must not come back.
-        sources.ready.extend(
-            newborn
-                .into_iter()
-                .filter(|&key| sources.entries.get(key).is_some_and(|s| s.queued)),
-        );
+        self.sources.ready.extend(newborn);
         served
     }
 
-    fn serve(&mut self, key: usize) {
-        let Some(source) = self.sources.entries.get_mut(key) else { return };
-        let token = Token(u64::from(source.generation) << 32 | key as u64);
+    fn serve(&mut self, token: Token) {
+        let Some(source) = self.sources.get_mut(token) else { return };
         let readiness = Readiness { token, readable: source.readable, writable: source.writable };
         (source.queued, source.readable, source.writable) = (false, false, false);
-        let (owner, dispatch, generation) = (source.owner, source.dispatch, source.generation);
+        let (owner, dispatch) = (source.owner, source.dispatch);
         if !self.is_alive(owner) {
             return;
         }
-        let more = dispatch(self, owner, readiness);
-        if let Some(source) = self.sources.entries.get_mut(key).filter(|s| more && s.generation == generation)
-        {
-            source.readable = true;
-            if !source.queued {
-                source.queued = true;
-                self.sources.ready.push_back(key);
-            }
+        let more = self.as_own_work(owner, |cx| dispatch(cx, owner, readiness));
+        if more {
+            self.offer_source(token);
         }
     }
 
@@ -260,7 +255,7 @@ impl Cx {
         let count = self.sources.dirty.len();
         for _ in 0..count {
             if let Some((owner, flush)) = self.sources.dirty.pop_front() {
-                flush(self, owner);
+                self.as_own_work(owner, |cx| flush(cx, owner));
             }
         }
         count > 0

@@ -44,6 +44,7 @@ impl Cx {
     /// One round after its wait: steps 2 to 10. `due`: when the wait should have ended, where it promised to.
     pub(crate) fn round(&mut self, tick: bool, due: Option<Instant>) {
         let began = self.world.clock.now();
+        self.in_round = true;
         self.pulse.round += 1;
         self.pulse.now = began;
         self.pulse.due = due.unwrap_or(began);
@@ -86,6 +87,7 @@ impl Cx {
             self.lap(&mut laps, Step::Bury);
         }
         self.account(began, &laps);
+        self.in_round = false;
     }
 
     /// Step 2. The fast pulse comes directly after the wait, so that its jitter is the wait's alone.

@@ -231,8 +231,10 @@ impl Cx {
         if heard == Ok(true) && !self.quitting {
             self.emit_own(object, |l| &l.os_signal, &signal);
         } else {
-            tracing::info!(?signal, "ending");
+            tracing::info!(?signal, "ending; a second signal ends at once");
             self.quit();
+            // If that is refused a second signal finds the loop quitting, or nobody.
+            let _ = self.world.net.release_os_signals();
         }
     }
 }

@@ -20,6 +20,8 @@ const ACCEPTS_PER_TURN_MAX: usize = 64;
 const ACCEPT_AGAIN_AFTER: Duration = Duration::from_millis(100);
 /// How often deadlines are looked at.
 const CHECK_EVERY: Duration = Duration::from_millis(250);
+/// How long a server that ends waits for the modules inside.
+const INSIDERS_LINGER: Duration = Duration::from_secs(1);
 
 /// The hub's server (`SkFlowServer` of the papers): it listens, serves every kind of connection and keeps the
 /// channels. All of it lives on one loop.
@@ -44,6 +46,12 @@ pub struct SkFlowServer {
     held: Vec<Token>,
     /// Links whose peers would take more than one round's writes.
     unfinished: Vec<Token>,
+    /// Connections whose peers have gone. They leave after this round's flush: with them go their channels and
+    /// what is queued of those, and their last words came just before.
+    leaving: Vec<ConnectionId>,
+    /// Room for the links of one flush.
+    flushing: Vec<Token>,
+    ending: Option<Ending>,
     out_of_descriptors: bool,
     flush_asked: bool,
     work_token: Token,
@@ -54,17 +62,21 @@ pub struct SkFlowServer {
     pub channel_added: Signal<String>,
     /// A channel was closed; carries its full name.
     pub channel_removed: Signal<String>,
+    /// After [`shut_down`](Handle#method.shut_down): the last connection is gone.
+    pub ended: Signal<()>,
 }
 
 struct Served {
     connection: ConnectionId,
     link: Option<Link>,
     waiting: Option<Encoded>,
+    /// It is in the list of links that stay unread.
+    held: bool,
 }
 
 crate::object! {
     pub SkFlowServer {
-        signals { logged_in(String) channel_added(String) channel_removed(String) }
+        signals { logged_in(String) channel_added(String) channel_removed(String) ended() }
         slots { on_check() }
         hooks { on_destroy }
     }
@@ -125,6 +137,9 @@ impl SkFlowServer {
                 tokens: FxHashMap::default(),
                 held: Vec::new(),
                 unfinished: Vec::new(),
+                leaving: Vec::new(),
+                flushing: Vec::new(),
+                ending: None,
                 out_of_descriptors: false,
                 flush_asked: false,
                 work_token: cx.add_source(this.id(), work),
@@ -132,6 +147,7 @@ impl SkFlowServer {
                 logged_in: Signal::new(),
                 channel_added: Signal::new(),
                 channel_removed: Signal::new(),
+                ended: Signal::new(),
             }
         })
     }
@@ -210,7 +226,8 @@ impl SkFlowServer {
 
     fn enlist(&mut self, token: Token, connection: ConnectionId, link: Link) {
         self.tokens.insert(connection, token);
-        self.links.insert(token, Served { connection, link: Some(link), waiting: None });
+        self.links
+            .insert(token, Served { connection, link: Some(link), waiting: None, held: false });
     }
 
     fn serve(&mut self, cx: &mut Cx, readiness: Readiness) -> bool {
@@ -223,18 +240,19 @@ impl SkFlowServer {
         let id = served.connection;
         let Some(mut link) = served.link.take() else { return false };
         let mut side = Side { core: &mut self.core, id, now, waiting: &mut served.waiting };
-        let mut turn = Turn::Done;
-        if link.may_write(readiness) {
-            turn = link.write(cx, &mut side);
-        }
-        if turn != Turn::Over && readiness.readable {
-            turn = link.read(cx, &mut side, &mut self.room);
+        let wrote = if link.may_write(readiness) { link.write(cx, &mut side) } else { Turn::Done };
+        let mut turn = wrote;
+        if wrote != Turn::Over {
+            turn = if readiness.readable { link.read(cx, &mut side, &mut self.room) } else { Turn::Done };
         }
         served.link = Some(link);
+        if wrote == Turn::More {
+            self.unfinished.push(token);
+        }
         match turn {
-            Turn::Over => self.core.left(id, now),
-            Turn::Held => self.held.push(token),
-            Turn::Done | Turn::More => {}
+            Turn::Over => self.leaving.push(id),
+            Turn::Held if !std::mem::replace(&mut served.held, true) => self.held.push(token),
+            Turn::Held | Turn::Done | Turn::More => {}
         }
         self.after(cx);
         turn == Turn::More
@@ -246,19 +264,21 @@ impl SkFlowServer {
             self.on_notice(cx, notice);
         }
         let core = &self.core;
-        let links = &self.links;
+        let links = &mut self.links;
         self.held.retain(|&token| {
-            let Some(served) = links.get(&token) else { return false };
-            let wants = core.wants_input(served.connection);
-            if wants {
+            let Some(served) = links.get_mut(&token) else { return false };
+            served.held = !core.wants_input(served.connection);
+            if !served.held {
                 cx.offer_source(token);
             }
-            !wants
+            served.held
         });
+        self.end_in_turn(cx);
         if self.core.has_work() {
             cx.offer_source(self.work_token);
         }
-        if !self.flush_asked && (self.core.has_dirty() || !self.unfinished.is_empty()) {
+        let to_flush = self.core.has_dirty() || !self.unfinished.is_empty() || !self.leaving.is_empty();
+        if to_flush && !self.flush_asked {
             self.flush_asked = true;
             let this = cx.this(self);
             cx.write_later(this.id(), flush);
@@ -302,10 +322,10 @@ impl SkFlowServer {
     fn flush(&mut self, cx: &mut Cx) {
         self.flush_asked = false;
         let now = cx.now();
-        let mut tokens = std::mem::take(&mut self.unfinished);
-        let dirty = self.core.take_dirty();
-        tokens.extend(dirty.iter().filter_map(|id| self.tokens.get(id)));
-        for token in tokens {
+        let mut tokens = std::mem::take(&mut self.flushing);
+        tokens.append(&mut self.unfinished);
+        tokens.extend(self.core.take_dirty().filter_map(|id| self.tokens.get(&id)));
+        for token in tokens.drain(..) {
             let Some(served) = self.links.get_mut(&token) else { continue };
             let id = served.connection;
             let Some(mut link) = served.link.take() else { continue };
@@ -318,8 +338,56 @@ impl SkFlowServer {
                 Turn::Done | Turn::Held => {}
             }
         }
+        self.flushing = tokens;
+        for id in std::mem::take(&mut self.leaving) {
+            self.core.left(id, now);
+        }
         self.after(cx);
     }
+
+    /// The server's end, a step at a time: first the modules inside say their last, then everybody is told,
+    /// then the last connection is gone.
+    fn end_in_turn(&mut self, cx: &mut Cx) {
+        let now = cx.now();
+        match self.ending {
+            None | Some(Ending::Ended) => {}
+            Some(Ending::Insiders { until }) => {
+                if self.core.insiders() == 0 || now >= until {
+                    self.ending = Some(Ending::Everybody);
+                    self.core.shut_down(now);
+                    self.after(cx);
+                }
+            }
+            Some(Ending::Everybody) if self.core.connections() == 0 => {
+                self.ending = Some(Ending::Ended);
+                let this = cx.this(self);
+                cx.post_own(this, move |cx| cx.emit_own(this, |server| &server.ended, &()));
+            }
+            Some(Ending::Everybody) => {}
+        }
+    }
+
+    /// Listens no more, and ends when everybody has left or was told.
+    fn shut_down(&mut self, cx: &mut Cx) {
+        for (token, _) in self.listeners.drain() {
+            cx.remove_source(token);
+        }
+        if self.ending.is_none() {
+            self.ending = Some(Ending::Insiders { until: cx.now() + INSIDERS_LINGER });
+            self.after(cx);
+        }
+    }
+}
+
+/// How far the server's end has come.
+#[derive(Clone, Copy)]
+enum Ending {
+    /// Modules inside may still have something to say.
+    Insiders { until: Instant },
+    /// Everybody was told; what is queued goes out.
+    Everybody,
+    /// Nobody is left.
+    Ended,
 }
 
 /// A listener or a connection is ready.
@@ -383,6 +451,16 @@ impl Handle<SkFlowServer> {
         });
         opened.map_err(io::Error::other)?.map_err(io::Error::other)?;
         Ok(far)
+    }
+
+    /// Ends the server: it listens no more; when the satellites inside the process have gone, or after a
+    /// second, everybody else is told; what is queued goes out; then [`ended`](SkFlowServer::ended) is
+    /// emitted. Peers that take nothing are given up after another second.
+    ///
+    /// # Errors
+    /// If the server is gone, or one of its slots is running.
+    pub fn shut_down(self, cx: &mut Cx) -> Result<(), Access> {
+        cx.with(self, |server, cx| server.shut_down(cx))
     }
 
     /// The names of all channels with their subscribers' number, by identifier.

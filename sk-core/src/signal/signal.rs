@@ -86,6 +86,19 @@ impl<A: ?Sized + ToOwned> fmt::Debug for Signal<A> {
     }
 }
 
+/// How many slots of an emission are still to run. Anything is left at the end only when a panic unwinds
+/// through it: then they are skipped, and counted; otherwise this costs nothing but a register.
+struct Rest(usize);
+
+impl Drop for Rest {
+    #[inline]
+    fn drop(&mut self) {
+        if self.0 > 0 {
+            crate::eventloop::note_skipped(self.0);
+        }
+    }
+}
+
 impl<A: ?Sized + ToOwned + 'static> Links<A> {
     pub(crate) fn fire(&self, cx: &mut Cx, args: &A) {
         let depth = cx.depth + 1;
@@ -93,10 +106,9 @@ impl<A: ?Sized + ToOwned + 'static> Links<A> {
             return self.fire_carefully(cx, args);
         }
         cx.depth = depth;
-        let mut left = self.0.len();
+        let mut rest = Rest(self.0.len());
         for link in &self.0 {
-            left -= 1;
-            cx.set_left(left);
+            rest.0 -= 1;
             match &link.kind {
                 Kind::Direct(call) => {
                     let reached = call.call(cx, args, 0);
@@ -123,10 +135,9 @@ impl<A: ?Sized + ToOwned + 'static> Links<A> {
             return;
         }
         cx.depth += 1;
-        let mut left = self.0.len();
+        let mut rest = Rest(self.0.len());
         for link in &self.0 {
-            left -= 1;
-            cx.set_left(left);
+            rest.0 -= 1;
             if matches!(link.kind, Kind::Remote(_)) {
                 link.emit_kept(cx, args);
             } else {
@@ -138,12 +149,9 @@ impl<A: ?Sized + ToOwned + 'static> Links<A> {
 
     /// A top-level dispatch: every slot has a guard of its own.
     pub(crate) fn fire_guarded(&self, cx: &mut Cx, args: &A) {
-        let mut left = self.0.len();
         cx.depth = 1;
         let timing = cx.timing.on;
         for link in &self.0 {
-            left -= 1;
-            cx.set_left(left);
             cx.guarded(|cx| match &link.kind {
                 Kind::Remote(_) => link.emit_kept(cx, args),
                 _ if timing => cx.timed(|cx| link.emit_kept(cx, args)),

@@ -20,6 +20,11 @@ pub(crate) fn block_ending() -> io::Result<()> {
     Ok(ending().thread_block()?)
 }
 
+/// Undoes [`block_ending`] for the calling thread: a signal ends the process again.
+pub(crate) fn release_ending() -> io::Result<()> {
+    Ok(ending().thread_unblock()?)
+}
+
 /// The blocked signals that have arrived.
 #[derive(Debug)]
 pub(crate) struct EndingSignals {

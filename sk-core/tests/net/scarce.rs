@@ -71,6 +71,9 @@ impl Net for Scarce {
     fn block_os_signals(&mut self) -> io::Result<()> {
         self.inner().block_os_signals()
     }
+    fn release_os_signals(&mut self) -> io::Result<()> {
+        self.inner().release_os_signals()
+    }
 }
 
 /// Accepts, and notes when it was asked to.

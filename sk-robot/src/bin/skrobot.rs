@@ -6,14 +6,15 @@ use sk_core::prelude::*;
 use sk_core::world::OsSignal;
 use sk_robot::hub::{ACCOUNT_DEFAULT, TCP_DEFAULT};
 use sk_robot::{Hub, logging, registry};
-use std::fmt::Write;
+use std::fmt::Write as _;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// The longest wait of the hub's loop; traffic wakes it earlier.
 const INTERVAL: Duration = Duration::from_millis(10);
-/// How long the hub waits for its farewells to go out.
-const FAREWELL_ROUNDS_MAX: u32 = 50;
+/// Rounds in which the modules' channels come to be before the hub says what there is.
+const ROUNDS_BEFORE_GREETING: u32 = 8;
 
 /// The hub: satellites join it, its modules sense this machine, data flows through it.
 #[derive(Parser, Debug)]
@@ -53,22 +54,30 @@ fn tcp(text: &str) -> Result<Tcp, String> {
     }
 }
 
-/// Ends the hub at the first signal, at once at the second.
+/// Ends the hub in good order at the first signal. The second one ends the process.
 struct Farewell {
     hub: Hub,
-    asked: bool,
 }
 
-object! { Farewell { slots { on_signal(OsSignal) } } }
+object! { Farewell { slots { on_signal(OsSignal) on_ended() } } }
 
 impl Farewell {
-    fn on_signal(&mut self, cx: &mut Cx, _signal: OsSignal) {
-        if std::mem::replace(&mut self.asked, true) {
-            eprintln!("skrobot: forced");
-            std::process::exit(130);
-        }
+    fn on_signal(&mut self, cx: &mut Cx, signal: OsSignal) -> std::io::Result<()> {
+        tracing::info!(?signal, "ending; a second signal ends at once");
         self.hub.stop(cx);
+        cx.world().net.release_os_signals()
+    }
+
+    fn on_ended(&mut self, cx: &mut Cx) {
         cx.quit();
+    }
+}
+
+/// Whoever started the hub may have closed its output: it runs on all the same.
+fn say(text: &str) {
+    let mut out = std::io::stdout().lock();
+    if let Err(error) = out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        tracing::warn!("standard output: {error}");
     }
 }
 
@@ -111,21 +120,16 @@ fn run(arguments: &Arguments) -> Result<(), String> {
     // The modules' channels are there after a few rounds: the greeting tells of them.
     let farewell_hub = cx.spawn_with(|cx, this: Handle<Farewell>| {
         attach!(cx, cx.event_loop().os_signal => this.on_signal);
-        Farewell { hub, asked: false }
+        attach!(cx, server.ended => this.on_ended);
+        Farewell { hub }
     });
-    for _ in 0..8 {
+    for _ in 0..ROUNDS_BEFORE_GREETING {
         app.pulse();
     }
     let greeting = greeting(app.cx(), farewell_hub).map_err(|error| error.to_string())?;
-    print!("{greeting}");
+    say(&greeting);
     app.run();
-    for _ in 0..FAREWELL_ROUNDS_MAX {
-        if !app.cx().exists(server) {
-            break;
-        }
-        app.pulse();
-    }
-    println!("\nskrobot has ended");
+    say("\nskrobot has ended\n");
     Ok(())
 }
 

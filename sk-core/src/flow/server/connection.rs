@@ -113,6 +113,11 @@ pub(super) struct Connection {
 }
 
 impl Connection {
+    /// Whether its other end is in this process.
+    pub(super) fn is_inside(&self) -> bool {
+        matches!(self.origin, Origin::Inside { .. })
+    }
+
     pub(super) fn new(origin: Origin, hub_nonce: Nonce, now: Instant) -> Connection {
         Connection {
             origin,

@@ -37,6 +37,12 @@ impl ServerCore {
             }
             return;
         }
+        if connection.is_inside() {
+            // A pipe's end shows in its queue. A loop that stood still for long, its own modules with it, must
+            // not take them for dead.
+            self.report_if_due(id);
+            return;
+        }
         let late_login = connection.user.is_none() && now.since(connection.opened) >= LOGIN_TIME_MAX;
         let late_frame = connection.frame_begun.is_some_and(|begun| now.since(begun) >= FRAME_TIME_MAX);
         if connection.is_held() {
@@ -49,21 +55,20 @@ impl ServerCore {
         }
         let asks =
             connection.user.is_some() && silence >= PING_AFTER && now.since(connection.pinged) >= PING_AFTER;
-        let reports =
-            connection.output.has_losses && now.since(connection.reported) >= DROPPED_REPORT_INTERVAL;
         if asks {
             connection.pinged = now;
             self.pings = self.pings.wrapping_add(1).max(1);
             let tag = self.pings;
             self.answer(id, tag, &Event::Ping {});
         }
-        if reports {
-            self.report(id);
-        }
+        self.report_if_due(id);
     }
 
-    fn report(&mut self, id: ConnectionId) {
+    fn report_if_due(&mut self, id: ConnectionId) {
         let Some(connection) = self.connections.get_mut(id) else { return };
+        if !connection.output.has_losses || self.now.since(connection.reported) < DROPPED_REPORT_INTERVAL {
+            return;
+        }
         connection.reported = self.now;
         for (channel, reason, total) in connection.output.take_losses() {
             self.answer(id, 0, &Event::Dropped { channel, reason: reason as u8, total });

@@ -186,14 +186,13 @@ impl ServerCore {
     }
 
     /// The connections that got something to write since the last call.
-    pub fn take_dirty(&mut self) -> Vec<ConnectionId> {
-        let dirty = std::mem::take(&mut self.dirty);
-        for id in &dirty {
+    pub fn take_dirty(&mut self) -> impl Iterator<Item = ConnectionId> + '_ {
+        for id in &self.dirty {
             if let Some(connection) = self.connections.get_mut(*id) {
                 connection.dirty = false;
             }
         }
-        dirty
+        self.dirty.drain(..)
     }
 
     /// Whether [`take_dirty`](ServerCore::take_dirty) would name any.
@@ -255,6 +254,11 @@ impl ServerCore {
             self.close(id, ClosingReason::Shutdown);
         }
         self.settle();
+    }
+
+    /// How many connections come from inside the process.
+    pub fn insiders(&self) -> usize {
+        self.connections.iter().filter(|(_, connection)| connection.is_inside()).count()
     }
 
     /// How many connections there are, those that close included.

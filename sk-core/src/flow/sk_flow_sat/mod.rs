@@ -287,7 +287,11 @@ impl SkFlowSat {
         }
         self.was_ready = false;
         let why = self.farewell.take().unwrap_or(why);
-        tracing::debug!("the hub is lost: {why}");
+        match self.way {
+            Way::Address { .. } => tracing::debug!("the hub is lost: {why}"),
+            // There is no way back.
+            Way::Pipe => tracing::warn!("the hub of this process has ended: {why}"),
+        }
         let this = cx.this(self);
         cx.post_own(this, move |cx| cx.emit_own(this, |satellite| &satellite.lost, &why));
     }
@@ -300,7 +304,9 @@ impl SkFlowSat {
 
     fn on_check(&mut self, cx: &mut Cx) {
         let now = cx.now();
-        if let Some(core) = &mut self.core
+        // Inside the process a silent hub is one whose loop stood still: its end would show in the pipe.
+        if matches!(self.way, Way::Address { .. })
+            && let Some(core) = &mut self.core
             && let Err(error) = core.tick(now)
         {
             self.break_link(cx, error.to_string());
@@ -352,14 +358,15 @@ impl SkFlowSat {
             return Turn::Done;
         }
         let mut side = Side { core, now, waiting: &mut self.waiting };
-        let mut turn = Turn::Done;
-        if link.may_write(readiness) {
-            turn = link.write(cx, &mut side);
-        }
-        if turn != Turn::Over && readiness.readable {
-            turn = link.read(cx, &mut side, &mut self.room);
+        let wrote = if link.may_write(readiness) { link.write(cx, &mut side) } else { Turn::Done };
+        let mut turn = wrote;
+        if wrote != Turn::Over {
+            turn = if readiness.readable { link.read(cx, &mut side, &mut self.room) } else { Turn::Done };
         }
         self.link = Some(link);
+        if wrote == Turn::More {
+            self.flush_later(cx);
+        }
         turn
     }
 

@@ -89,7 +89,8 @@ fn read_socket(stream: &mut dyn Stream, core: &mut dyn Core, room: &mut [u8]) ->
         if !core.wants_input() {
             return Turn::Held;
         }
-        match stream.read(room) {
+        let most = room.len().min(TURN_BYTES_MAX - taken);
+        match stream.read(&mut room[..most]) {
             Ok(0) => return Turn::Over,
             Ok(count) => {
                 taken += count;

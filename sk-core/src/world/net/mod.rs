@@ -86,6 +86,10 @@ pub trait Net {
 
     /// Blocks SIGINT and SIGTERM for this thread and those it starts. Must come before the first thread.
     fn block_os_signals(&mut self) -> io::Result<()>;
+
+    /// Gives SIGINT and SIGTERM their usual effect again on this thread: from now on they end the process at
+    /// once. For a program that was asked to end once already, and may hang.
+    fn release_os_signals(&mut self) -> io::Result<()>;
 }
 
 /// A POSIX signal that an application hears.

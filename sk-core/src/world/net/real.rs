@@ -186,6 +186,10 @@ impl Net for RealNet {
     fn block_os_signals(&mut self) -> io::Result<()> {
         signal::block_ending()
     }
+
+    fn release_os_signals(&mut self) -> io::Result<()> {
+        signal::release_ending()
+    }
 }
 
 impl OsSignals for EndingSignals {

@@ -118,6 +118,10 @@ impl Net for SimulatedNet {
     fn block_os_signals(&mut self) -> io::Result<()> {
         Ok(())
     }
+
+    fn release_os_signals(&mut self) -> io::Result<()> {
+        Ok(())
+    }
 }
 
 /// One loop's place in the simulated network, for the scheduler that steps the loops and for whoever

@@ -87,7 +87,7 @@ impl Visit {
                 None => {
                     let path = places.token();
                     return Err(format!(
-                        "a hub over TCP asks for the owner's token, and there is none at {}: copy it there from the hub's machine",
+                        "a hub over TCP asks for the owner's token, and there is none at {}: name the hub's state folder with --state-dir, or copy the token there",
                         path.display()
                     ));
                 }
