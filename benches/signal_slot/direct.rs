@@ -20,6 +20,9 @@ pub(crate) fn case(slots: usize, end: &str) -> String {
     if slots == 0 { format!("direct/none{end}") } else { format!("direct/{slots}{end}") }
 }
 
+/// Emits that many times.
+type Send = fn(&mut Sender, &mut Cx, usize);
+
 #[derive(Default)]
 struct Sender {
     number: Signal<i64>,
@@ -70,8 +73,7 @@ pub(crate) fn measure(sheet: &mut Sheet, amount: Amount) -> Result<(), BenchErro
         }
         app.pulse();
         let emits = calls(amount) / slots.max(1);
-        let cases: [(&str, fn(&mut Sender, &mut Cx, usize)); 2] =
-            [("", Sender::send_numbers), ("/str", Sender::send_texts)];
+        let cases: [(&str, Send); 2] = [("", Sender::send_numbers), ("/str", Sender::send_texts)];
         for (end, send) in cases {
             let mut burst = |count: usize| {
                 let began = Moment::now();

@@ -10,12 +10,15 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
+/// A closure that is shown a text.
+type Reader = Box<dyn FnMut(&str)>;
+
 /// What nobody can undercut who calls listeners unknown at compile time.
 pub(crate) fn closures(sheet: &mut Sheet, amount: Amount) {
     for slots in SLOTS {
         let emits = calls(amount) / slots.max(1);
         let mut numbers: Vec<Box<dyn FnMut(i64)>> = Vec::new();
-        let mut texts: Vec<Box<dyn FnMut(&str)>> = Vec::new();
+        let mut texts: Vec<Reader> = Vec::new();
         for _ in 0..slots {
             let sum = Rc::new(Cell::new(0i64));
             let same = sum.clone();
@@ -48,18 +51,24 @@ pub(crate) fn eventfd(sheet: &mut Sheet, amount: Amount) -> Result<(), BenchErro
     let origin = Instant::now();
     let bell = Arc::new(EventFd::new().map_err(std::io::Error::from)?);
     let sent_ns = Arc::new(AtomicU64::new(0));
-    let (there, sent_there) = (bell.clone(), sent_ns.clone());
+    let taken = Arc::new(AtomicU64::new(0));
+    let (there, sent_there, taken_there) = (bell.clone(), sent_ns.clone(), taken.clone());
     let receiver = std::thread::spawn(move || {
         let mut spans = Vec::with_capacity(samples);
         while spans.len() < samples && there.read().is_ok() {
             let now = origin.elapsed().as_nanos() as u64;
             spans.push(now.saturating_sub(sent_there.load(Ordering::Acquire)));
+            taken_there.store(spans.len() as u64, Ordering::Release);
         }
         spans
     });
-    for _ in 0..samples {
-        // Long enough for the receiver to have gone to sleep.
+    for number in 0..samples as u64 {
+        // Long enough for the receiver to have gone to sleep. An eventfd adds up what is written before it is
+        // read, so each write waits for the reading of the one before.
         std::thread::sleep(crate::across::PAUSE);
+        while taken.load(Ordering::Acquire) < number {
+            std::thread::sleep(crate::across::PAUSE);
+        }
         sent_ns.store(origin.elapsed().as_nanos() as u64, Ordering::Release);
         bell.write(1).map_err(std::io::Error::from)?;
     }

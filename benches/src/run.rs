@@ -34,6 +34,8 @@ pub struct Side<'a> {
     work: How<'a>,
     /// A program in front of which it is started, such as the one that sets the scheduling class.
     before: Vec<String>,
+    /// Which part of the bench it is, where parts need processes of their own.
+    part: Option<&'static str>,
 }
 
 enum How<'a> {
@@ -46,7 +48,7 @@ enum How<'a> {
 impl<'a> Side<'a> {
     /// Ours.
     pub fn ours(work: impl Fn(&mut Sheet) -> Result<(), BenchError> + 'a) -> Side<'a> {
-        Side { peer: None, work: How::Here(Box::new(work)), before: Vec::new() }
+        Side { peer: None, work: How::Here(Box::new(work)), before: Vec::new(), part: None }
     }
 
     /// A peer whose work is written in Rust within the bench itself.
@@ -54,7 +56,7 @@ impl<'a> Side<'a> {
         peer: &'static str,
         work: impl Fn(&mut Sheet) -> Result<(), BenchError> + 'a,
     ) -> Side<'a> {
-        Side { peer: Some(peer), work: How::Here(Box::new(work)), before: Vec::new() }
+        Side { peer: Some(peer), work: How::Here(Box::new(work)), before: Vec::new(), part: None }
     }
 
     /// A peer that `cargo xtask bench-peers` builds as the program `name`.
@@ -64,12 +66,19 @@ impl<'a> Side<'a> {
             peer: Some(peer),
             work: How::There { program: peers::program(name), arguments },
             before: Vec::new(),
+            part: None,
         }
     }
 
     /// Starts it by another program, which gets the side's command line as its last arguments.
     pub fn started_by(mut self, before: &[String]) -> Side<'a> {
         self.before = before.to_vec();
+        self
+    }
+
+    /// Makes it one part of several with the same peer; each part has a process of its own.
+    pub fn part(mut self, part: &'static str) -> Side<'a> {
+        self.part = Some(part);
         self
     }
 
@@ -82,6 +91,7 @@ impl<'a> Side<'a> {
             How::Here(_) => {
                 let mut arguments: Vec<String> = std::env::args().skip(1).collect();
                 arguments.extend(["--side".to_owned(), self.name().to_owned()]);
+                arguments.extend(self.part.iter().flat_map(|part| ["--part".to_owned(), (*part).to_owned()]));
                 (std::env::current_exe()?, arguments)
             }
             How::There { program, arguments } => {
@@ -125,12 +135,13 @@ pub struct Bench<'a> {
     sides: Vec<Side<'a>>,
     growth: Vec<(String, String, String)>,
     cpu_case: Option<String>,
+    notes: Vec<String>,
 }
 
 impl<'a> Bench<'a> {
     /// A bench without sides.
     pub fn new(name: &'static str, options: &'a Options) -> Bench<'a> {
-        Bench { name, options, sides: Vec::new(), growth: Vec::new(), cpu_case: None }
+        Bench { name, options, sides: Vec::new(), growth: Vec::new(), cpu_case: None, notes: Vec::new() }
     }
 
     /// One more side. In each run they are started in the order in which they were given.
@@ -142,6 +153,12 @@ impl<'a> Bench<'a> {
     /// Below the table, tells for every side the quotient of one metric in two cases.
     pub fn growth(mut self, metric: &str, of: &str, over: &str) -> Bench<'a> {
         self.growth.push((metric.to_owned(), of.to_owned(), over.to_owned()));
+        self
+    }
+
+    /// A remark for the reader of the table.
+    pub fn note(mut self, text: &str) -> Bench<'a> {
+        self.notes.push(text.to_owned());
         self
     }
 
@@ -157,8 +174,16 @@ impl<'a> Bench<'a> {
     /// # Errors
     /// If our own side fails, or nothing can be written.
     pub fn run(self) -> Result<Report, BenchError> {
+        self.run_part(None)
+    }
+
+    /// As [`run`](Bench::run), for a bench with parts: `part` is what its hidden option `--part` says.
+    ///
+    /// # Errors
+    /// As [`run`](Bench::run).
+    pub fn run_part(self, part: Option<&str>) -> Result<Report, BenchError> {
         if let Some(name) = &self.options.side {
-            self.play(name)?;
+            self.play(name, part)?;
             return Ok(Report::new(self.name));
         }
         let report = self.measure()?;
@@ -172,8 +197,8 @@ impl<'a> Bench<'a> {
         Ok(report)
     }
 
-    fn play(&self, name: &str) -> Result<(), BenchError> {
-        let side = self.sides.iter().find(|side| side.name() == name);
+    fn play(&self, name: &str, part: Option<&str>) -> Result<(), BenchError> {
+        let side = self.sides.iter().find(|side| side.name() == name && side.part == part);
         match side.map(|side| &side.work) {
             Some(How::Here(work)) => {
                 let mut sheet = Sheet::new();
@@ -186,10 +211,11 @@ impl<'a> Bench<'a> {
 
     fn measure(&self) -> Result<Report, BenchError> {
         let mut report = Report::new(self.name);
-        let mut left_out: Vec<&str> = Vec::new();
+        self.notes.iter().for_each(|note| report.note(note));
+        let mut left_out: Vec<(&str, Option<&str>)> = Vec::new();
         for run in 1..=self.options.runs() {
             for side in self.sides.iter().filter(|side| self.options.wants(side.peer)) {
-                if left_out.contains(&side.name()) {
+                if left_out.contains(&(side.name(), side.part)) {
                     continue;
                 }
                 match self.one_process(side) {
@@ -197,7 +223,7 @@ impl<'a> Bench<'a> {
                     Err(error) if side.peer.is_none() => return Err(error),
                     Err(error) => {
                         report.note(&format!("{} is left out: {error}", side.name()));
-                        left_out.push(side.name());
+                        left_out.push((side.name(), side.part));
                     }
                 }
             }
