@@ -1,9 +1,11 @@
 //! The project's own commands, run as `cargo xtask COMMAND`.
 //!
 //! `test` is the whole gate, the same on a contributor's machine and in continuous integration; `tidy` is
-//! the part of it that checks the rules of this tree which no compiler knows.
+//! the part of it that checks the rules of this tree which no compiler knows. `bench-peers` prepares what the
+//! benches are compared with.
 #![forbid(unsafe_code)]
 
+mod peers;
 mod process;
 mod test;
 mod tidy;
@@ -25,11 +27,14 @@ enum Command {
     Test(test::Options),
     /// Checks the rules of this tree that no compiler knows.
     Tidy,
+    /// Installs and builds what the benches are compared with.
+    BenchPeers,
 }
 
 fn main() -> ExitCode {
     let outcome = match Arguments::parse().command {
         Command::Test(options) => test::run(&options),
+        Command::BenchPeers => peers::run(),
         Command::Tidy => tidy::run().map(|summary| println!("tidy: {summary}")),
     };
     match outcome {

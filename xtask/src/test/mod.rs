@@ -1,5 +1,6 @@
 //! `cargo xtask test`: the whole gate, step by step, ending at the first failure.
 
+mod benches;
 pub(crate) mod examples;
 mod features;
 mod fuzz;
@@ -30,7 +31,7 @@ struct Gate<'a> {
     workspace: Workspace,
     /// A folder of our own below cargo's target folder, for logs and working folders.
     scratch: PathBuf,
-    /// Tests, doc tests, examples and fuzz targets that ran and passed so far.
+    /// Tests, doc tests, examples, benches and fuzz targets that ran and passed so far.
     passed: usize,
 }
 
@@ -48,6 +49,7 @@ const STEPS: &[Step] = &[
     ("tests: unit and integration tests", suites::unit_and_integration),
     ("doc tests: every example in the documentation", suites::documentation),
     ("examples: each is built and run", examples::build_and_run),
+    ("benches: each runs once with the least work", benches::smoke_runs),
     ("fuzz: a short run of each target", fuzz::short_runs),
     ("release: the program is built and small enough", size::build_and_weigh),
 ];

@@ -1,0 +1,91 @@
+//! Our loop: a slot at the tick reads the clock.
+
+use crate::{Arguments, PRIORITY, PolicyName};
+use sk_benches::{BenchError, Sheet};
+use sk_core::eventloop::SchedulingPolicy;
+use sk_core::prelude::*;
+
+/// Ticks before the first one that counts: the loop learns how long before a deadline it has to wake.
+const TICKS_WARM: u64 = 300;
+
+/// Notes how late each tick is when its first slot runs.
+struct Watch {
+    ticks_left: u64,
+    warm: u64,
+    schedule: bool,
+    late_ns: Vec<u64>,
+    first: Option<(Instant, u64, u64)>,
+    last: Option<(Instant, u64, u64)>,
+}
+
+impl Watch {
+    fn on_tick(&mut self, cx: &mut Cx) {
+        let now = cx.clock_now();
+        let pulse = *cx.pulse();
+        if self.warm > 0 {
+            self.warm -= 1;
+            self.last = Some((now, pulse.number, pulse.missed));
+            return;
+        }
+        // With a schedule the loop itself says when the tick was due; without one it is due an interval
+        // after the one before it.
+        let before = self.last.map_or(now, |(before, _, _)| before);
+        let due = if self.schedule { pulse.due } else { before + pulse.interval };
+        self.late_ns.push(now.since(due).as_nanos() as u64);
+        let tick = (now, pulse.number, pulse.missed);
+        self.first.get_or_insert(tick);
+        self.last = Some(tick);
+        self.ticks_left -= 1;
+        if self.ticks_left == 0 {
+            cx.quit();
+        }
+    }
+}
+object! { Watch { slots { on_tick() } } }
+
+/// One run.
+pub(crate) fn measure(sheet: &mut Sheet, arguments: &Arguments) -> Result<(), BenchError> {
+    let interval = Duration::from_micros(arguments.interval_us);
+    let ticks = arguments.ticks();
+    let ours = |error: &dyn std::fmt::Display| BenchError::Ours(error.to_string());
+    let app = SkApp::builder()
+        .mode(arguments.mode())
+        .interval(interval)
+        .configure(|settings| {
+            settings.realtime.cpu = arguments.cpu;
+            if arguments.policy == PolicyName::Fifo {
+                settings.realtime.policy = SchedulingPolicy::Fifo(PRIORITY);
+            }
+        });
+    let mut app = app.build().map_err(|error| ours(&error))?;
+    let cx = app.cx();
+    let watch = cx.spawn(Watch {
+        ticks_left: ticks,
+        warm: if arguments.shared.smoke { 1 } else { TICKS_WARM },
+        schedule: arguments.mode() == TimingMode::Realtime,
+        late_ns: Vec::with_capacity(ticks as usize),
+        first: None,
+        last: None,
+    });
+    attach!(cx, cx.fast_zone().pulse => watch.on_tick);
+    app.run();
+    let case = arguments.case();
+    for refused in &app.cx().stats().refused_wishes {
+        sheet.note(&format!("refused {refused}"));
+    }
+    let told = app.cx().with(watch, |watch, _| {
+        watch.late_ns.iter().for_each(|ns| sheet.sample(&case, "wake_error", *ns, 1));
+        watch.first.zip(watch.last)
+    });
+    if let Some(((began, first, missed_before), (ended, last, missed))) =
+        told.map_err(|error| ours(&error))?
+    {
+        let missed = missed - missed_before;
+        // Over the intervals that passed, those of missed ticks included.
+        let periods = (last - first + missed).max(1) as f64;
+        let mean_ns = ended.since(began).as_nanos() as f64 / periods;
+        sheet.figure(&case, "drift", "ppm", (mean_ns / interval.as_nanos() as f64 - 1.0) * 1e6);
+        sheet.figure(&case, "missed", "1", missed as f64);
+    }
+    Ok(())
+}
