@@ -7,7 +7,7 @@ use std::time::{Duration, SystemTime};
 
 /// A monotonic clock and the two ways of waiting on it.
 ///
-/// Reading the real clock costs about 20 ns: a loop reads it at the steps of a round and hands the
+/// Reading the real clock costs tens of nanoseconds: a loop reads it at the steps of a round and hands the
 /// instant on.
 pub trait Clock: Send + Sync {
     /// The present.
