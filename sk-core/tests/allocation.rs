@@ -65,6 +65,40 @@ fn a_call_in_steady_state_takes_nothing_from_the_heap() {
 }
 
 #[test]
+fn calls_to_another_thread_share_their_allocations() {
+    const ROUNDS: u32 = 100;
+    const CALLS: u32 = 1000;
+    let (_world, mut app) = world();
+    let far = SkThread::new("far").start(app.cx()).unwrap();
+    let sinks = far
+        .build(|cx| {
+            [(); 2].map(|()| {
+                let sink = cx.spawn(Sink(0));
+                cx.remote(sink)
+            })
+        })
+        .unwrap();
+    let cx = app.cx();
+    let burst = cx.spawn(Burst { calls: CALLS, out: Signal::new() });
+    attach!(cx, cx.fast_zone().pulse => burst.fire);
+    attach!(cx, burst.out => sinks[0].take, Queued);
+    attach!(cx, burst.out => sinks[1].take, Latest);
+    let mut rounds = |calls| {
+        app.cx().with(burst, |burst, _| burst.calls = calls).unwrap();
+        // The rings find their size first.
+        (0..20).for_each(|_| app.pulse());
+        taken(|| (0..ROUNDS).for_each(|_| app.pulse()))
+    };
+    rounds(CALLS);
+    // The simulation's own allocations are there without any call too.
+    let (quiet, busy) = (rounds(0), rounds(CALLS));
+    let sent = u64::from(ROUNDS * CALLS);
+    let own = busy.saturating_sub(quiet);
+    assert!(own <= sent / 30, "{own} allocations for {sent} calls");
+    assert!(far.build(|cx| cx.counters().messages).unwrap() > sent);
+}
+
+#[test]
 fn an_empty_pulse_takes_nothing_from_the_heap() {
     let (_world, mut app) = world();
     app.pulse();

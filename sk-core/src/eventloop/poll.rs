@@ -23,8 +23,8 @@ struct Source {
     owner: ObjectId,
     generation: u32,
     dispatch: Dispatch,
-    /// The rewires that were done when it was made: it is served after the next one, so that links asked
-    /// for together with it hear the first news.
+    /// How many steps 8 the loop had passed when it was made: it is served after the next one, so that links
+    /// asked for together with it hear the first news.
     born: u64,
     readable: bool,
     writable: bool,
@@ -43,7 +43,8 @@ pub(crate) struct Sources {
     entries: Slab<Source>,
     /// Which sources are whose; asked at every burial and every new link.
     owned: FxHashMap<ObjectId, SmallVec<[usize; 1]>>,
-    rewires: u64,
+    /// How many steps 8 the loop has passed, those with nothing to do included.
+    rewire_steps: u64,
     /// Tokens carry it, so that an event of a source that is gone finds nobody.
     generation: u32,
     /// One that has gone meanwhile is passed over when its turn comes.
@@ -103,9 +104,10 @@ impl Sources {
         }
     }
 
-    /// Links that were asked for stand now: sources made before have their listeners.
-    pub(crate) fn rewired(&mut self) {
-        self.rewires += 1;
+    /// Step 8 of a round is passed, whether or not there was anything to do in it: the links that were asked
+    /// for stand, so the sources made before it have their listeners.
+    pub(crate) fn pass_rewire_step(&mut self) {
+        self.rewire_steps += 1;
     }
 
     fn accept(&mut self, event: Readiness) {
@@ -128,7 +130,7 @@ impl Cx {
     pub(crate) fn add_source(&mut self, owner: ObjectId, dispatch: Dispatch) -> Token {
         self.sources.generation = self.sources.generation.wrapping_add(1);
         let generation = self.sources.generation;
-        let born = self.sources.rewires;
+        let born = self.sources.rewire_steps;
         let source =
             Source { owner, generation, dispatch, born, readable: false, writable: false, queued: false };
         let key = self.sources.entries.insert(source);
@@ -217,10 +219,10 @@ impl Cx {
         };
         let mut newborn = Vec::new();
         while let Some(token) = self.sources.ready.pop_front() {
-            let rewires = self.sources.rewires;
+            let passed = self.sources.rewire_steps;
             match self.sources.get_mut(token) {
                 None => continue,
-                Some(source) if source.born == rewires => {
+                Some(source) if source.born == passed => {
                     newborn.push(token);
                     continue;
                 }

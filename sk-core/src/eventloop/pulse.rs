@@ -81,7 +81,7 @@ impl Cx {
             self.rewire();
             self.lap(&mut laps, Step::Rewire);
         }
-        self.sources.rewired();
+        self.sources.pass_rewire_step();
         if !self.burials.is_empty() {
             self.bury_some();
             self.lap(&mut laps, Step::Bury);

@@ -1,8 +1,9 @@
 //! A link between two threads: its own ring of arguments, and a token in the mailbox per call.
 //!
-//! A call allocates nothing in steady state: the arguments go into the link's ring, the mailbox carries
-//! the link's number. A ring that is full is followed by one of twice its size; the mailbox tells the
-//! receiver where the old one ends, so the order is kept.
+//! A call has no allocation of its own: the arguments go into the link's ring, the mailbox carries the link's
+//! number. The mailbox itself is a list of blocks and takes one for every 31 messages. A ring that is full is
+//! followed by one of twice its size; the mailbox tells the receiver where the old one ends, so the order is
+//! kept.
 
 use crate::Cx;
 use crate::object::ObjectId;
