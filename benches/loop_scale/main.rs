@@ -8,10 +8,9 @@
 
 use clap::Parser;
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
-use sk_benches::{Amount, Bench, BenchError, Options, Sheet, Side};
+use sk_benches::{Amount, Bench, BenchError, Options, Sheet, Side, ns_per_unit};
 use sk_core::prelude::*;
 use std::net::{Ipv4Addr, SocketAddr};
-use std::time::Instant as Moment;
 
 /// How many idle ones there are.
 const COUNTS: [usize; 4] = [10, 100, 1_000, 10_000];
@@ -93,17 +92,9 @@ fn idle_object(cx: &mut Cx) -> Result<(), BenchError> {
     Ok(())
 }
 
-/// The mean over many rounds, after as many as settle what was just made.
+/// One round, after as many as settle what was just made.
 fn pulse_ns(app: &mut SkApp, amount: Amount) -> f64 {
-    let rounds = amount.pick(100_000, 10);
-    for _ in 0..rounds / 10 {
-        app.pulse();
-    }
-    let began = Moment::now();
-    for _ in 0..rounds {
-        app.pulse();
-    }
-    began.elapsed().as_nanos() as f64 / f64::from(rounds)
+    ns_per_unit(amount.pick(100_000, 20), |rounds| (0..rounds).for_each(|_| app.pulse()))
 }
 
 /// As far as the hard limit allows; what is missing then shows as an error of a socket.
