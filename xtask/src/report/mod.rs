@@ -101,10 +101,17 @@ fn measure(part: &Part, options: &Options) -> Result<Outcome, Failure> {
         // Cargo starts a bench in the folder of its package.
         command.arg("--plot").arg(Path::new("..").join(PLOTS).join(plot));
     }
-    let (figures, table) = process::read_both(command.arg("--json"))?;
+    let (figures, said) = process::read_both(command.arg("--json"))?;
+    let table = table_in(&said, part.bench);
     print!("{table}");
     let figures = figures.lines().filter_map(Figure::read).collect();
     Ok(Outcome { command: spelled, table, figures })
+}
+
+/// The table begins with the name of the bench; before it stand progress and what peers complained of.
+fn table_in(said: &str, bench: &str) -> String {
+    let lines: Vec<&str> = said.lines().skip_while(|line| *line != bench).collect();
+    lines.join("\n") + "\n"
 }
 
 /// On what was measured: one line each.
@@ -171,6 +178,11 @@ fn page(machine: &[(&'static str, String)], outcomes: &[(Part, Outcome)]) -> Str
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn progress_before_the_table_is_left_out() {
+        assert_eq!(table_in("objects: run 1 of 1 done\nobjects\n  case\n", "objects"), "objects\n  case\n");
+    }
 
     #[test]
     fn the_page_tells_machine_goals_and_tables() {
