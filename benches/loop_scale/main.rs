@@ -6,6 +6,8 @@
 //! of them are ready, without waiting; without any it does not ask.
 #![forbid(unsafe_code)]
 
+mod timers;
+
 use clap::Parser;
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
 use sk_benches::{Amount, Bench, BenchError, Options, Sheet, Side, ns_per_unit};
@@ -44,6 +46,9 @@ fn main() -> Result<(), BenchError> {
         let (most, least) = (COUNTS[COUNTS.len() - 1], COUNTS[0]);
         bench = bench.growth("pulse_ns", &format!("loop/{what}/{most}"), &format!("loop/{what}/{least}"));
     }
+    for metric in ["start_ns", "stop_ns", "fire_ns"] {
+        bench = bench.growth(metric, "timers/10000", "timers/10");
+    }
     bench.run()?;
     Ok(())
 }
@@ -69,7 +74,7 @@ fn measure(sheet: &mut Sheet, amount: Amount) -> Result<(), BenchError> {
             sheet.figure(&format!("loop/{what}/{count}"), "pulse_ns", "ns", pulse_ns);
         }
     }
-    Ok(())
+    counts.iter().try_for_each(|&count| timers::measure(sheet, count, amount))
 }
 
 fn app() -> Result<SkApp, BenchError> {
