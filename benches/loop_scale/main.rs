@@ -6,12 +6,13 @@
 //! of them are ready, without waiting; without any it does not ask.
 #![forbid(unsafe_code)]
 
+mod timers;
+
 use clap::Parser;
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
-use sk_benches::{Amount, Bench, BenchError, Options, Sheet, Side};
+use sk_benches::{Amount, Bench, BenchError, Options, Sheet, Side, ns_per_unit};
 use sk_core::prelude::*;
 use std::net::{Ipv4Addr, SocketAddr};
-use std::time::Instant as Moment;
 
 /// How many idle ones there are.
 const COUNTS: [usize; 4] = [10, 100, 1_000, 10_000];
@@ -45,6 +46,9 @@ fn main() -> Result<(), BenchError> {
         let (most, least) = (COUNTS[COUNTS.len() - 1], COUNTS[0]);
         bench = bench.growth("pulse_ns", &format!("loop/{what}/{most}"), &format!("loop/{what}/{least}"));
     }
+    for metric in ["start_ns", "stop_ns", "fire_ns"] {
+        bench = bench.growth(metric, "timers/10000", "timers/10");
+    }
     bench.run()?;
     Ok(())
 }
@@ -70,7 +74,7 @@ fn measure(sheet: &mut Sheet, amount: Amount) -> Result<(), BenchError> {
             sheet.figure(&format!("loop/{what}/{count}"), "pulse_ns", "ns", pulse_ns);
         }
     }
-    Ok(())
+    counts.iter().try_for_each(|&count| timers::measure(sheet, count, amount))
 }
 
 fn app() -> Result<SkApp, BenchError> {
@@ -93,17 +97,9 @@ fn idle_object(cx: &mut Cx) -> Result<(), BenchError> {
     Ok(())
 }
 
-/// The mean over many rounds, after as many as settle what was just made.
+/// One round, after as many as settle what was just made.
 fn pulse_ns(app: &mut SkApp, amount: Amount) -> f64 {
-    let rounds = amount.pick(100_000, 10);
-    for _ in 0..rounds / 10 {
-        app.pulse();
-    }
-    let began = Moment::now();
-    for _ in 0..rounds {
-        app.pulse();
-    }
-    began.elapsed().as_nanos() as f64 / f64::from(rounds)
+    ns_per_unit(amount.pick(100_000, 20), |rounds| (0..rounds).for_each(|_| app.pulse()))
 }
 
 /// As far as the hard limit allows; what is missing then shows as an error of a socket.

@@ -28,25 +28,23 @@ void calls(int slots, std::int64_t total) {
         Library::connect(texts, [receiver](const std::string& text) { receiver->read(text); });
     }
     const std::int64_t emits = total / (slots > 0 ? slots : 1);
-    const double calls = static_cast<double>(emits) * (slots > 0 ? slots : 1);
-    auto send_numbers = [&](std::int64_t count) {
+    const double calls_each = slots > 0 ? slots : 1;
+    double per_emit = sheet::ns_per_unit(emits, [&](std::int64_t count) {
         for (std::int64_t i = 0; i < count; ++i) {
             std::int64_t number = i;
             sheet::opaque(number);
             numbers(number);
         }
-    };
-    send_numbers(emits / 10);
-    std::int64_t began = sheet::now_ns();
-    send_numbers(emits);
-    sheet::figure(sheet::direct_case(slots, ""), "ns_per_call", "ns", (sheet::now_ns() - began) / calls);
+    });
+    sheet::figure(sheet::direct_case(slots, ""), "ns_per_call", "ns", per_emit / calls_each);
     std::string text = "left wheel";
-    began = sheet::now_ns();
-    for (std::int64_t i = 0; i < emits; ++i) {
-        sheet::opaque(text);
-        texts(text);
-    }
-    sheet::figure(sheet::direct_case(slots, "/str"), "ns_per_call", "ns", (sheet::now_ns() - began) / calls);
+    per_emit = sheet::ns_per_unit(emits, [&](std::int64_t count) {
+        for (std::int64_t i = 0; i < count; ++i) {
+            sheet::opaque(text);
+            texts(text);
+        }
+    });
+    sheet::figure(sheet::direct_case(slots, "/str"), "ns_per_call", "ns", per_emit / calls_each);
 }
 
 template <typename Library>

@@ -17,10 +17,9 @@ namespace {
 
 double round_ns(bool smoke, int idle) {
     const int rounds = smoke ? 10 : (idle >= 1000 ? 2'000 : 20'000);
-    for (int i = 0; i < rounds / 10; ++i) QCoreApplication::processEvents();
-    const std::int64_t began = sheet::now_ns();
-    for (int i = 0; i < rounds; ++i) QCoreApplication::processEvents();
-    return static_cast<double>(sheet::now_ns() - began) / rounds;
+    return sheet::ns_per_unit(rounds, [](std::int64_t count) {
+        for (std::int64_t i = 0; i < count; ++i) QCoreApplication::processEvents();
+    });
 }
 
 void tell(const char* what, int idle, bool smoke) {

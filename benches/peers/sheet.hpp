@@ -4,6 +4,8 @@
 //   sample  CASE  METRIC  NS    COUNT
 #pragma once
 
+#include <algorithm>
+#include <array>
 #include <chrono>
 #include <cstdint>
 #include <cstdio>
@@ -32,6 +34,23 @@ inline bool is_smoke(int count, char** words) { return count > 1 && std::strcmp(
 template <typename T>
 inline void opaque(T& value) {
     asm volatile("" : "+m"(value) : : "memory");
+}
+
+// Runs `work` on slices of `units / 11` each, after one that does not count, and answers the median of the
+// nanoseconds per unit: the same measure as on our side.
+template <typename Work>
+double ns_per_unit(std::int64_t units, Work work) {
+    constexpr std::size_t slices = 11;
+    const std::int64_t slice = std::max<std::int64_t>(units / static_cast<std::int64_t>(slices), 1);
+    std::array<double, slices> spans{};
+    work(slice);
+    for (double& span : spans) {
+        const std::int64_t began = now_ns();
+        work(slice);
+        span = static_cast<double>(now_ns() - began) / static_cast<double>(slice);
+    }
+    std::sort(spans.begin(), spans.end());
+    return spans[slices / 2];
 }
 
 // The name of a case of direct calls.

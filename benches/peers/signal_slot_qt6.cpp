@@ -25,25 +25,23 @@ void direct(int slots, std::int64_t total) {
                          Qt::DirectConnection);
     }
     const std::int64_t emits = total / (slots > 0 ? slots : 1);
-    const double calls = static_cast<double>(emits) * (slots > 0 ? slots : 1);
-    auto send_numbers = [&](std::int64_t count) {
+    const double calls_each = slots > 0 ? slots : 1;
+    double per_emit = sheet::ns_per_unit(emits, [&](std::int64_t count) {
         for (std::int64_t i = 0; i < count; ++i) {
             qint64 number = i;
             sheet::opaque(number);
             Q_EMIT sender.number(number);
         }
-    };
-    send_numbers(emits / 10);
-    std::int64_t began = sheet::now_ns();
-    send_numbers(emits);
-    sheet::figure(sheet::direct_case(slots, ""), "ns_per_call", "ns", (sheet::now_ns() - began) / calls);
+    });
+    sheet::figure(sheet::direct_case(slots, ""), "ns_per_call", "ns", per_emit / calls_each);
     QString text = QStringLiteral("left wheel");
-    began = sheet::now_ns();
-    for (std::int64_t i = 0; i < emits; ++i) {
-        sheet::opaque(text);
-        Q_EMIT sender.text(text);
-    }
-    sheet::figure(sheet::direct_case(slots, "/str"), "ns_per_call", "ns", (sheet::now_ns() - began) / calls);
+    per_emit = sheet::ns_per_unit(emits, [&](std::int64_t count) {
+        for (std::int64_t i = 0; i < count; ++i) {
+            sheet::opaque(text);
+            Q_EMIT sender.text(text);
+        }
+    });
+    sheet::figure(sheet::direct_case(slots, "/str"), "ns_per_call", "ns", per_emit / calls_each);
 }
 
 void same_thread(bool smoke) {
@@ -56,11 +54,10 @@ void same_thread(bool smoke) {
         for (int i = 0; i < burst; ++i) Q_EMIT sender.number(i);
         while (receiver.calls.load() < goal) QCoreApplication::processEvents();
     };
-    for (int i = 0; i < bursts / 10 + 1; ++i) round();
-    const std::int64_t began = sheet::now_ns();
-    for (int i = 0; i < bursts; ++i) round();
-    const double took = static_cast<double>(sheet::now_ns() - began);
-    sheet::figure("queued/same-thread", "ns_per_call", "ns", took / (static_cast<double>(burst) * bursts));
+    const double per_burst = sheet::ns_per_unit(bursts, [&](std::int64_t count) {
+        for (std::int64_t i = 0; i < count; ++i) round();
+    });
+    sheet::figure("queued/same-thread", "ns_per_call", "ns", per_burst / burst);
 }
 
 // A receiver on a thread with an event loop.

@@ -1,9 +1,8 @@
 //! Direct calls to 0, 1, 10 and 100 slots, with a number and with a short text.
 
-use sk_benches::{Amount, BenchError, Sheet};
+use sk_benches::{Amount, BenchError, Sheet, ns_per_unit};
 use sk_core::prelude::*;
 use std::hint::black_box;
-use std::time::Instant as Moment;
 
 /// The short text.
 pub(crate) const TEXT: &str = "left wheel";
@@ -75,16 +74,12 @@ pub(crate) fn measure(sheet: &mut Sheet, amount: Amount) -> Result<(), BenchErro
         let emits = calls(amount) / slots.max(1);
         let cases: [(&str, Send); 2] = [("", Sender::send_numbers), ("/str", Sender::send_texts)];
         for (end, send) in cases {
-            let mut burst = |count: usize| {
-                let began = Moment::now();
-                let reached = app.cx().with(sender, |sender, cx| send(sender, cx, count));
-                reached
-                    .map(|()| began.elapsed())
-                    .map_err(|error| BenchError::Ours(error.to_string()))
-            };
-            burst(emits / 10)?;
-            let took = burst(emits)?;
-            let per_call = took.as_nanos() as f64 / (emits * slots.max(1)) as f64;
+            let mut reached = Ok(());
+            let per_emit = ns_per_unit(emits, |count| {
+                reached = reached.and(app.cx().with(sender, |sender, cx| send(sender, cx, count)));
+            });
+            reached.map_err(|error| BenchError::Ours(error.to_string()))?;
+            let per_call = per_emit / slots.max(1) as f64;
             sheet.figure(&case(slots, end), "ns_per_call", "ns", per_call);
         }
     }

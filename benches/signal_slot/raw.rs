@@ -2,13 +2,13 @@
 
 use crate::direct::{SLOTS, TEXT, calls, case};
 use nix::sys::eventfd::EventFd;
-use sk_benches::{Amount, BenchError, Sheet};
+use sk_benches::{Amount, BenchError, Sheet, ns_per_unit};
 use std::cell::Cell;
 use std::hint::black_box;
 use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 /// A closure that is shown a text.
 type Reader = Box<dyn FnMut(&str)>;
@@ -25,23 +25,21 @@ pub(crate) fn closures(sheet: &mut Sheet, amount: Amount) {
             numbers.push(Box::new(move |number| sum.set(sum.get().wrapping_add(number))));
             texts.push(Box::new(move |text| same.set(same.get().wrapping_add(text.len() as i64))));
         }
-        let mut send_numbers = |count: usize| {
+        let calls_each = slots.max(1) as f64;
+        let per_emit = ns_per_unit(emits, |count| {
             for i in 0..count {
                 let number = black_box(i as i64);
                 black_box(&mut numbers).iter_mut().for_each(|call| call(number));
             }
-        };
-        let per_call = |took: Duration| took.as_nanos() as f64 / (emits * slots.max(1)) as f64;
-        send_numbers(emits / 10);
-        let began = Instant::now();
-        send_numbers(emits);
-        sheet.figure(&case(slots, ""), "ns_per_call", "ns", per_call(began.elapsed()));
-        let began = Instant::now();
-        for _ in 0..emits {
-            let text = black_box(TEXT);
-            black_box(&mut texts).iter_mut().for_each(|call| call(text));
-        }
-        sheet.figure(&case(slots, "/str"), "ns_per_call", "ns", per_call(began.elapsed()));
+        });
+        sheet.figure(&case(slots, ""), "ns_per_call", "ns", per_emit / calls_each);
+        let per_emit = ns_per_unit(emits, |count| {
+            for _ in 0..count {
+                let text = black_box(TEXT);
+                black_box(&mut texts).iter_mut().for_each(|call| call(text));
+            }
+        });
+        sheet.figure(&case(slots, "/str"), "ns_per_call", "ns", per_emit / calls_each);
     }
 }
 

@@ -20,7 +20,7 @@ const COLOURS: [&str; 6] = ["#0b6e99", "#d9480f", "#2b8a3e", "#862e9c", "#868e96
 /// spread.add(3, 100);
 /// spread.add(1000, 1);
 /// let text = sk_benches::histogram_text("ours", &spread);
-/// assert!(text.contains("below 4 ns") && text.contains("below 1.0 us"), "{text}");
+/// assert!(text.contains(" 4 ns ") && text.contains(" 1.0 us "), "{text}");
 /// ```
 pub fn histogram_text(title: &str, spread: &Spread) -> String {
     let classes = classes(spread);

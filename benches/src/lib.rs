@@ -9,6 +9,7 @@
 
 mod chart;
 mod options;
+mod pace;
 mod peers;
 mod report;
 mod run;
@@ -17,6 +18,7 @@ mod spread;
 
 pub use chart::{histogram_text, plot_svg};
 pub use options::{Amount, Options};
+pub use pace::ns_per_unit;
 pub use peers::{folder as peers_folder, program as peer_program};
 pub use report::{Figure, Report};
 pub use run::{Bench, BenchError, Side};

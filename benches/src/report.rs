@@ -123,12 +123,13 @@ impl Report {
             .find(|f| f.case == case && f.metric == metric && f.peer == peer)
     }
 
-    /// The median of ours divided by that of the peer, where both exist and the latter is not zero.
+    /// The median of ours divided by that of the peer, where that says something: a deviation that may have
+    /// either sign has no ratio.
     fn ratio(&self, figure: &Figure) -> Option<f64> {
         figure.peer?;
         let ours = self.find(&figure.case, &figure.metric, None)?.median();
         let theirs = figure.median();
-        (theirs != 0.0).then(|| ours / theirs)
+        (theirs > 0.0 && ours >= 0.0 && figure.metric != "drift").then(|| ours / theirs)
     }
 
     /// The figures by case and metric, ours first within each.

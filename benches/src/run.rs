@@ -265,14 +265,14 @@ fn children_cpu_s() -> f64 {
 }
 
 fn take(report: &mut Report, peer: Option<&'static str>, told: Told) {
-    for ((case, metric), spread) in told.spreads {
-        report.add_spread(&case, &metric, peer, &spread);
-    }
     for line in told.lines {
         match line {
             Line::Figure { case, metric, unit, value } => report.add(&case, &metric, &unit, peer, value),
             Line::Note(text) => report.note(&format!("{}: {text}", peer.unwrap_or("ours"))),
             Line::Sample { .. } => {}
         }
+    }
+    for ((case, metric), spread) in told.spreads {
+        report.add_spread(&case, &metric, peer, &spread);
     }
 }

@@ -15,8 +15,8 @@ const HISTOGRAM_US: u32 = 100_000;
 pub(crate) fn cyclictest(sheet: &mut Sheet, arguments: &Arguments) -> Result<(), BenchError> {
     let case = arguments.case();
     let mut command = Command::new("cyclictest");
-    // `--laptop` keeps its hands off `/dev/cpu_dma_latency`, which is held or not for all sides alike.
-    command.args(["--quiet", "--laptop", "--threads=1", "--mlockall"]);
+    // `--default-system` keeps its hands off `/dev/cpu_dma_latency`, which is held or not for all sides alike.
+    command.args(["--quiet", "--default-system", "--threads=1", "--mlockall"]);
     command.arg(format!("--histogram={HISTOGRAM_US}"));
     command.arg(format!("--interval={}", arguments.interval_us));
     command.arg(format!("--loops={}", arguments.ticks()));

@@ -2,11 +2,12 @@
 //!
 //! `test` is the whole gate, the same on a contributor's machine and in continuous integration; `tidy` is
 //! the part of it that checks the rules of this tree which no compiler knows. `bench-peers` prepares what the
-//! benches are compared with.
+//! benches are compared with, `bench-report` runs them and writes the page on performance.
 #![forbid(unsafe_code)]
 
 mod peers;
 mod process;
+mod report;
 mod test;
 mod tidy;
 mod workspace;
@@ -29,12 +30,15 @@ enum Command {
     Tidy,
     /// Installs and builds what the benches are compared with.
     BenchPeers,
+    /// Runs every bench and writes the page on performance.
+    BenchReport(report::Options),
 }
 
 fn main() -> ExitCode {
     let outcome = match Arguments::parse().command {
         Command::Test(options) => test::run(&options),
         Command::BenchPeers => peers::run(),
+        Command::BenchReport(options) => report::run(&options),
         Command::Tidy => tidy::run().map(|summary| println!("tidy: {summary}")),
     };
     match outcome {

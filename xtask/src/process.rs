@@ -77,6 +77,15 @@ pub(crate) fn read(command: &mut Command) -> Result<String, Failure> {
     Ok(String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
+/// Runs the program and returns what it wrote to its standard output and to its standard error.
+pub(crate) fn read_both(command: &mut Command) -> Result<(String, String), Failure> {
+    let output = command.stdin(Stdio::null()).output();
+    let output = output.map_err(|error| Failure::Start { program: spelled(command), error })?;
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    judge(command, output.status).inspect_err(|_| eprint!("{}", text(&output.stderr)))?;
+    Ok((text(&output.stdout), text(&output.stderr)))
+}
+
 /// Runs the program with its output let through line by line, and returns all lines as well.
 pub(crate) fn run_and_listen(command: &mut Command) -> Result<Vec<String>, Failure> {
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
@@ -212,5 +221,7 @@ mod tests {
         let lines = run_and_listen(&mut shell("echo heard; echo also >&2")).unwrap();
         assert_eq!(lines, ["heard", "also"]);
         assert_eq!(read(&mut shell("echo read")).unwrap(), "read\n");
+        let both = read_both(&mut shell("echo out; echo err >&2")).unwrap();
+        assert_eq!(both, ("out\n".to_owned(), "err\n".to_owned()));
     }
 }
