@@ -225,16 +225,19 @@ impl Hub {
 
     /// Begins to stop it: modules in reverse order, then their links, whose last words go out, then the server,
     /// which tells everybody. The loop must go on pulsing until the server emits
-    /// [`ended`](SkFlowServer::ended); that takes some rounds, and two seconds at most.
-    pub fn stop(&self, cx: &mut Cx) {
+    /// [`ended`](SkFlowServer::ended); that takes some rounds, and two and a half seconds at most. Answers `false`
+    /// if the server is gone already, so that nothing will be emitted.
+    pub fn stop(&self, cx: &mut Cx) -> bool {
         self.modules.stop(cx);
         cx.destroy_later(self.modules);
         for satellite in &self.satellites {
             cx.destroy_later(*satellite);
         }
-        if self.server.shut_down(cx).is_err() {
-            // It has ended before, or this is one of its own slots: the end of the loop does the rest.
+        let ending = self.server.shut_down(cx).is_ok();
+        if !ending {
+            // It has died before, or this is one of its own slots: the end of the loop does the rest.
             cx.destroy_later(self.server);
         }
+        ending
     }
 }

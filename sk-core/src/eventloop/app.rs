@@ -94,14 +94,15 @@ impl SkApp {
     }
 
     /// Pulses until `quit` is called, or until SIGINT or SIGTERM come and nobody listens to
-    /// [`os_signal`](crate::SkEventLoop::os_signal). Can be called again.
+    /// [`os_signal`](crate::SkEventLoop::os_signal). Returns at once if `quit` was called before. Can be called
+    /// again; but after such a signal the next one ends the process at once, as if there were no loop.
     pub fn run(&mut self) -> Run {
-        self.cx.quitting = false;
         while !self.cx.quitting {
             if !self.step_once() {
                 return Run::Nested;
             }
         }
+        self.cx.quitting = false;
         Run::Quit
     }
 

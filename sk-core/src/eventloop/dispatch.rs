@@ -223,15 +223,28 @@ impl Cx {
         let innermost = *frames.last().unwrap_or(&Frame::NOBODY);
         let skipped = SKIPPED.take();
         let chain = frames.iter().map(|frame| self.frame_name(frame)).collect();
-        for frame in &frames {
-            self.put_off_waiting(frame.object);
-        }
+        self.put_off_all_waiting();
         self.counters.panics += 1;
         self.counters.skipped += skipped;
         self.record_failure(innermost, message, Some((chain, skipped)));
     }
 
-    /// After a panic the leases are gone but what waited for them is not.
+    /// After a panic the leases are gone but what waited for them is not. Whose they were is not all in the
+    /// chain: an access stands there in the place of the slot that made it.
+    fn put_off_all_waiting(&mut self) {
+        let mut indices: Vec<u32> = self.parked.keys().copied().collect();
+        indices.sort_unstable();
+        for id in indices
+            .into_iter()
+            .filter_map(|index| self.table.id_at(index))
+            .collect::<Vec<_>>()
+        {
+            if self.table.node(id).is_some_and(|node| !node.is_leased()) {
+                self.put_off_waiting(id);
+            }
+        }
+    }
+
     fn put_off_waiting(&mut self, id: ObjectId) {
         let Some(node) = self.table.node(id) else { return };
         let header = node.header();

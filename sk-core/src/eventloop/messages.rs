@@ -127,16 +127,21 @@ impl Cx {
     }
 
     /// A request to the loop of the signal.
-    pub(crate) fn post_rewire(&mut self, there: &There, rewire: Rewire) {
+    ///
+    /// # Errors
+    /// If there is no room for it; it is counted and logged.
+    pub(crate) fn post_rewire(&mut self, there: &There, rewire: Rewire) -> Result<(), PostError> {
         if self.is_mine(there) {
-            // Refused, it is counted and logged.
-            let _ = self.keep_rewire(rewire);
-        } else if let Err(error) = there.mailbox.post(Message::Rewire(Box::new(rewire))) {
+            return self.keep_rewire(rewire);
+        }
+        let posted = there.mailbox.post(Message::Rewire(Box::new(rewire)));
+        if let Err(error) = posted {
             self.counters.links_refused += 1;
             if self.may_log() {
                 tracing::warn!("a request to attach or detach was refused by another thread: {error}");
             }
         }
+        posted
     }
 }
 

@@ -72,6 +72,8 @@ struct Served {
     waiting: Option<Encoded>,
     /// It is in the list of links that stay unread.
     held: bool,
+    /// It takes nothing any more; it is over when nothing is left to read.
+    broken: bool,
 }
 
 crate::object! {
@@ -167,7 +169,7 @@ impl SkFlowServer {
         self.flush(cx);
         for (_, served) in self.links.drain() {
             if let Some(link) = served.link {
-                link.close(cx);
+                link.close();
             }
         }
     }
@@ -226,8 +228,10 @@ impl SkFlowServer {
 
     fn enlist(&mut self, token: Token, connection: ConnectionId, link: Link) {
         self.tokens.insert(connection, token);
-        self.links
-            .insert(token, Served { connection, link: Some(link), waiting: None, held: false });
+        self.links.insert(
+            token,
+            Served { connection, link: Some(link), waiting: None, held: false, broken: false },
+        );
     }
 
     fn serve(&mut self, cx: &mut Cx, readiness: Readiness) -> bool {
@@ -241,9 +245,12 @@ impl SkFlowServer {
         let Some(mut link) = served.link.take() else { return false };
         let mut side = Side { core: &mut self.core, id, now, waiting: &mut served.waiting };
         let wrote = if link.may_write(readiness) { link.write(cx, &mut side) } else { Turn::Done };
-        let mut turn = wrote;
-        if wrote != Turn::Over {
-            turn = if readiness.readable { link.read(cx, &mut side, &mut self.room) } else { Turn::Done };
+        // Read in any case: a peer that takes nothing any more may have left its last words.
+        let read = readiness.readable || wrote == Turn::Over;
+        let mut turn = if read { link.read(cx, &mut side, &mut self.room) } else { Turn::Done };
+        served.broken |= wrote == Turn::Over;
+        if served.broken && turn == Turn::Done {
+            turn = Turn::Over;
         }
         served.link = Some(link);
         if wrote == Turn::More {
@@ -277,7 +284,10 @@ impl SkFlowServer {
         if self.core.has_work() {
             cx.offer_source(self.work_token);
         }
-        let to_flush = self.core.has_dirty() || !self.unfinished.is_empty() || !self.leaving.is_empty();
+        let to_flush = self.core.has_dirty()
+            || !self.unfinished.is_empty()
+            || !self.leaving.is_empty()
+            || self.ending == Some(Ending::Flush);
         if to_flush && !self.flush_asked {
             self.flush_asked = true;
             let this = cx.this(self);
@@ -296,7 +306,7 @@ impl SkFlowServer {
                 if let Some(token) = self.tokens.remove(&connection) {
                     cx.remove_source(token);
                     if let Some(Served { link: Some(link), .. }) = self.links.remove(&token) {
-                        link.close(cx);
+                        link.close();
                     }
                 }
             }
@@ -333,12 +343,20 @@ impl SkFlowServer {
             let turn = link.write(cx, &mut side);
             served.link = Some(link);
             match turn {
-                Turn::Over => self.core.left(id, now),
+                Turn::Over => {
+                    served.broken = true;
+                    cx.offer_source(token);
+                }
                 Turn::More => self.unfinished.push(token),
                 Turn::Done | Turn::Held => {}
             }
         }
         self.flushing = tokens;
+        if self.ending == Some(Ending::Flush) {
+            // Those who read have been given all that was queued.
+            self.ending = Some(Ending::Everybody);
+            self.core.shut_down(now);
+        }
         for id in std::mem::take(&mut self.leaving) {
             self.core.left(id, now);
         }
@@ -353,11 +371,10 @@ impl SkFlowServer {
             None | Some(Ending::Ended) => {}
             Some(Ending::Insiders { until }) => {
                 if self.core.insiders() == 0 || now >= until {
-                    self.ending = Some(Ending::Everybody);
-                    self.core.shut_down(now);
-                    self.after(cx);
+                    self.ending = Some(Ending::Flush);
                 }
             }
+            Some(Ending::Flush) => {}
             Some(Ending::Everybody) if self.core.connections() == 0 => {
                 self.ending = Some(Ending::Ended);
                 let this = cx.this(self);
@@ -380,11 +397,13 @@ impl SkFlowServer {
 }
 
 /// How far the server's end has come.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, PartialEq, Eq)]
 enum Ending {
     /// Modules inside may still have something to say.
     Insiders { until: Instant },
-    /// Everybody was told; what is queued goes out.
+    /// They have said it; it goes out with the next flush.
+    Flush,
+    /// Everybody was told.
     Everybody,
     /// Nobody is left.
     Ended,
@@ -418,6 +437,7 @@ impl Handle<SkFlowServer> {
     /// # Errors
     /// If the address is taken or may not be used, or the server is gone.
     pub fn listen(self, cx: &mut Cx, at: &HubAddress) -> io::Result<HubAddress> {
+        self.refuse_at_end(cx)?;
         let token = cx.add_source(self.id(), serve);
         let listener = match cx.world().net.listen(&at.endpoint(), token) {
             Ok(listener) => listener,
@@ -438,6 +458,7 @@ impl Handle<SkFlowServer> {
     /// # Errors
     /// If the hub is full or the server gone.
     pub fn pipe(self, cx: &mut Cx, rights: Rights) -> io::Result<PipeSeed> {
+        self.refuse_at_end(cx)?;
         let token = cx.add_source(self.id(), serve);
         let (near, far) = PipeEnd::pair();
         near.serve_by(cx, token);
@@ -453,9 +474,17 @@ impl Handle<SkFlowServer> {
         Ok(far)
     }
 
+    fn refuse_at_end(self, cx: &mut Cx) -> io::Result<()> {
+        match cx.with(self, |server, _| server.ending.is_some()) {
+            Ok(false) => Ok(()),
+            Ok(true) => Err(io::Error::new(ErrorKind::NotConnected, "the server is ending")),
+            Err(error) => Err(io::Error::other(error)),
+        }
+    }
+
     /// Ends the server: it listens no more; when the satellites inside the process have gone, or after a
-    /// second, everybody else is told; what is queued goes out; then [`ended`](SkFlowServer::ended) is
-    /// emitted. Peers that take nothing are given up after another second.
+    /// second, what is queued goes to those who take it at once, and everybody is told; then
+    /// [`ended`](SkFlowServer::ended) is emitted. Peers that take nothing are given up after another second.
     ///
     /// # Errors
     /// If the server is gone, or one of its slots is running.

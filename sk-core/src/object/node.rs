@@ -66,6 +66,8 @@ pub(crate) trait AnyNode: Any {
         cx: &mut Cx,
         f: &mut dyn FnMut(&mut dyn Any, &mut Cx),
     ) -> Result<(), Access>;
+    /// Whether one of its slots is running, or it is being accessed.
+    fn is_leased(&self) -> bool;
     fn spawned(&self, cx: &mut Cx);
     fn destroying(&self, cx: &mut Cx);
     /// Drops the value where it stands.
@@ -110,6 +112,10 @@ impl<T: SkObject> AnyNode for Node<T> {
         let part = value.as_mut().and_then(|object| object.part_mut(part)).ok_or(Access::Gone)?;
         f(part, cx);
         Ok(())
+    }
+
+    fn is_leased(&self) -> bool {
+        self.value.try_borrow_mut().is_err()
     }
 
     fn spawned(&self, cx: &mut Cx) {

@@ -232,7 +232,8 @@ impl Table {
         node
     }
 
-    fn id_at(&self, index: u32) -> Option<ObjectId> {
+    /// The object that stands at an index now.
+    pub(crate) fn id_at(&self, index: u32) -> Option<ObjectId> {
         (index != NONE).then(|| ObjectId {
             loop_number: self.loop_number,
             index,

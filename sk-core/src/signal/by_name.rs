@@ -263,8 +263,8 @@ impl Cx {
                     let class = cx.class_of(there.id).ok_or(MetaError::Gone(there.id))?;
                     let slot = slot_of(class, &slot)?.uid;
                     let target = Target::Remote(there);
-                    cx.post_rewire(&back, Rewire::Detach { source, signal, target, slot });
-                    Ok(())
+                    let rewire = Rewire::Detach { source, signal, target, slot };
+                    cx.post_rewire(&back, rewire).map_err(|error| unposted(error, back.id))
                 })
             }
         }
@@ -323,8 +323,8 @@ impl Cx {
             let crossing = if ignoring { Crossing::of::<()>() } else { crossing };
             let target = Target::Remote(there);
             let wish = Wish { source, signal, target, slot, mode, ignoring, crossing: Some(crossing) };
-            cx.post_rewire(&back, Rewire::Attach(wish));
-            Ok(())
+            cx.post_rewire(&back, Rewire::Attach(wish))
+                .map_err(|error| unposted(error, back.id))
         })
     }
 

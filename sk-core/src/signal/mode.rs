@@ -37,7 +37,7 @@ impl Queued {
     }
 }
 impl Latest {
-    /// The newest call of the first round in which there is one, then no more.
+    /// Only the first call, so that nothing newer can replace it: the same as `Queued.once()`.
     pub const fn once(self) -> Once<Latest> {
         Once(self)
     }

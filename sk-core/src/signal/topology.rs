@@ -150,7 +150,8 @@ impl Cx {
             }
             Target::Remote(there) => {
                 let wish = Wish { source: there.id, signal, target, slot, mode, ignoring, crossing };
-                self.post_rewire(&there, Rewire::Attach(wish));
+                // Refused, it is counted and logged.
+                let _ = self.post_rewire(&there, Rewire::Attach(wish));
             }
         }
     }
@@ -169,7 +170,8 @@ impl Cx {
             }
             Target::Remote(there) => {
                 let source = there.id;
-                self.post_rewire(&there, Rewire::Detach { source, signal, target, slot: slot.uid });
+                // Refused, it is counted and logged.
+                let _ = self.post_rewire(&there, Rewire::Detach { source, signal, target, slot: slot.uid });
             }
         }
     }

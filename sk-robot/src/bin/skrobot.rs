@@ -64,7 +64,9 @@ object! { Farewell { slots { on_signal(OsSignal) on_ended() } } }
 impl Farewell {
     fn on_signal(&mut self, cx: &mut Cx, signal: OsSignal) -> std::io::Result<()> {
         tracing::info!(?signal, "ending; a second signal ends at once");
-        self.hub.stop(cx);
+        if !self.hub.stop(cx) {
+            cx.quit();
+        }
         cx.world().net.release_os_signals()
     }
 
@@ -121,6 +123,8 @@ fn run(arguments: &Arguments) -> Result<(), String> {
     let farewell_hub = cx.spawn_with(|cx, this: Handle<Farewell>| {
         attach!(cx, cx.event_loop().os_signal => this.on_signal);
         attach!(cx, server.ended => this.on_ended);
+        let watch = cx.watch(server);
+        attach!(cx, watch.buried => this.on_ended());
         Farewell { hub }
     });
     for _ in 0..ROUNDS_BEFORE_GREETING {

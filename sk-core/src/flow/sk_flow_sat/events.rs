@@ -35,7 +35,7 @@ fn tell(cx: &mut Cx, satellite: Handle<SkFlowSat>, event: SatelliteEvent) {
             }
         }
         SatelliteEvent::Dropped { channel, reason, total } => {
-            let name = cx.with(satellite, |s, _| Some(s.core.as_ref()?.channel_of(channel)?.name.clone()));
+            let name = cx.with(satellite, |s, _| s.heard_channel(channel).map(|info| info.name.clone()));
             if let Ok(Some(name)) = name {
                 let reason = reason.map_or_else(|| "unknown".to_owned(), |reason| reason.to_string());
                 cx.emit_own(satellite, |s| &s.dropped, &(name, reason, total));

@@ -62,7 +62,7 @@ pub struct SkFlowSat {
     own: BTreeMap<String, Own>,
     /// What it wants to hear, by full names.
     wanted: BTreeMap<String, u16>,
-    /// Channels whose messages came, until they are removed.
+    /// All channels, in step with the events that were told.
     heard: BTreeMap<ChannelRef, Rc<ChannelInfo>>,
     reconnect: Handle<Timer>,
     reconnect_after: Duration,
@@ -73,7 +73,8 @@ pub struct SkFlowSat {
     farewell: Option<String>,
     /// The hub let this satellite in; channels and subscriptions are being restored.
     pub ready: Signal<()>,
-    /// The hub is lost; carries why. It is looked for again, unless the hub refused the login.
+    /// The hub is lost; carries why. It is looked for again, but for a hub in this very process, whose end is
+    /// for good.
     pub lost: Signal<String>,
     /// Somebody began to listen to a channel of this satellite's; carries its own name.
     pub start_publishing: Signal<String>,
@@ -271,7 +272,7 @@ impl SkFlowSat {
             cx.remove_source(token);
         }
         if let Some(link) = self.link.take() {
-            link.close(cx);
+            link.close();
         }
         if let Some(core) = self.core.take() {
             self.losses += core.lost();
@@ -317,7 +318,7 @@ impl SkFlowSat {
     fn on_destroy(&mut self, cx: &mut Cx) {
         self.flush(cx);
         if let Some(link) = self.link.take() {
-            link.close(cx);
+            link.close();
         }
     }
 
@@ -359,9 +360,11 @@ impl SkFlowSat {
         }
         let mut side = Side { core, now, waiting: &mut self.waiting };
         let wrote = if link.may_write(readiness) { link.write(cx, &mut side) } else { Turn::Done };
-        let mut turn = wrote;
-        if wrote != Turn::Over {
-            turn = if readiness.readable { link.read(cx, &mut side, &mut self.room) } else { Turn::Done };
+        // Read in any case: a hub that takes nothing any more may have said why.
+        let read = readiness.readable || wrote == Turn::Over;
+        let mut turn = if read { link.read(cx, &mut side, &mut self.room) } else { Turn::Done };
+        if wrote == Turn::Over && turn == Turn::Done {
+            turn = Turn::Over;
         }
         self.link = Some(link);
         if wrote == Turn::More {
@@ -381,6 +384,9 @@ impl SkFlowSat {
                 if let Some(own) = self.own.get_mut(own_name(name)) {
                     own.channel = Some(*channel);
                 }
+            }
+            SatelliteEvent::ChannelAdded(info) => {
+                self.heard.insert(info.channel, Rc::new(info.clone()));
             }
             SatelliteEvent::ChannelRemoved(info) => {
                 self.heard.remove(&info.channel);
@@ -412,14 +418,9 @@ impl SkFlowSat {
         found.map(|(name, _)| name.clone())
     }
 
-    /// Looked up once per channel, so that a message costs no copy of its channel's description.
-    fn heard_channel(&mut self, channel: ChannelRef) -> Option<Rc<ChannelInfo>> {
-        if let Some(info) = self.heard.get(&channel) {
-            return Some(info.clone());
-        }
-        let info = Rc::new(self.core.as_ref()?.channel_of(channel)?.clone());
-        self.heard.insert(channel, info.clone());
-        Some(info)
+    /// As it was when the event came: the core may know already that the channel has gone since.
+    fn heard_channel(&self, channel: ChannelRef) -> Option<Rc<ChannelInfo>> {
+        self.heard.get(&channel).cloned()
     }
 
     // ---- commands ----

@@ -74,11 +74,11 @@ impl Link {
     }
 
     /// The end: nothing more will be written.
-    pub(crate) fn close(self, cx: &mut Cx) {
+    pub(crate) fn close(self) {
         match self {
             // The peer may be gone already: closing cannot fail in a way that matters.
             Link::Socket(mut stream) => drop(stream.shutdown_write()),
-            Link::Pipe(pipe) => pipe.close(cx),
+            Link::Pipe(pipe) => drop(pipe),
         }
     }
 }

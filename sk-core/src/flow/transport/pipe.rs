@@ -33,10 +33,10 @@ impl Bell {
 
     /// Rung once until it is heard, however many frames go by.
     fn ring(&self, cx: &mut Cx) {
-        let Some((mailbox, token)) = self.place.get() else { return };
         // Ringing comes after what is to be found, hearing before looking for it. The fences make sure that a
         // bell that is not rung, because it was rung before, is heard after what this ring is about.
         fence(Ordering::SeqCst);
+        let Some((mailbox, token)) = self.place.get() else { return };
         if self.rung.swap(true, Ordering::AcqRel) {
             return;
         }
@@ -52,8 +52,9 @@ impl Bell {
 
 /// One end of a pipe.
 pub(crate) struct PipeEnd {
-    sender: Sender<Encoded>,
-    receiver: Receiver<Encoded>,
+    /// Both are `Some` until the end is dropped.
+    sender: Option<Sender<Encoded>>,
+    receiver: Option<Receiver<Encoded>>,
     mine: Arc<Bell>,
     other: Arc<Bell>,
 }
@@ -75,12 +76,12 @@ impl PipeEnd {
         let (to_hub, from_satellite) = crossbeam_channel::bounded(FRAMES_WAITING_MAX);
         let (hub, satellite) = (Bell::new(), Bell::new());
         let near = PipeEnd {
-            sender: to_satellite,
-            receiver: from_satellite,
+            sender: Some(to_satellite),
+            receiver: Some(from_satellite),
             mine: hub.clone(),
             other: satellite.clone(),
         };
-        let far = PipeEnd { sender: to_hub, receiver: from_hub, mine: satellite, other: hub };
+        let far = PipeEnd { sender: Some(to_hub), receiver: Some(from_hub), mine: satellite, other: hub };
         (near, PipeSeed(far))
     }
 
@@ -101,7 +102,8 @@ impl PipeEnd {
 
     /// Sends a frame, or gives it back if there is no room: the source is served again when there is.
     pub(crate) fn send(&self, cx: &mut Cx, frame: Encoded) -> Result<(), Option<Encoded>> {
-        match self.sender.try_send(frame) {
+        let Some(sender) = &self.sender else { return Err(None) };
+        match sender.try_send(frame) {
             Ok(()) => {
                 self.other.ring(cx);
                 Ok(())
@@ -116,7 +118,8 @@ impl PipeEnd {
     }
 
     pub(crate) fn take(&self, cx: &mut Cx) -> Taken {
-        let taken = self.receiver.try_recv();
+        let Some(receiver) = &self.receiver else { return Taken::Closed };
+        let taken = receiver.try_recv();
         // Looked at when nothing is there too: the sender may have found the queue full just before this end
         // emptied it, and said so just after.
         if self.other.wanted.swap(false, Ordering::AcqRel) {
@@ -128,12 +131,18 @@ impl PipeEnd {
             Err(TryRecvError::Disconnected) => Taken::Closed,
         }
     }
+}
 
-    /// Tells the other end, which then finds the queue closed.
-    pub(crate) fn close(self, cx: &mut Cx) {
-        let PipeEnd { sender, receiver, other, .. } = self;
-        drop((sender, receiver));
-        other.ring(cx);
+impl Drop for PipeEnd {
+    /// However an end goes, the other one is told and finds the queue closed.
+    fn drop(&mut self) {
+        drop((self.sender.take(), self.receiver.take()));
+        fence(Ordering::SeqCst);
+        if let Some((mailbox, token)) = self.other.place.get() {
+            let token = *token;
+            // A loop that has ended needs no telling.
+            let _ = mailbox.post_anyway(Message::Settle(Box::new(move |cx| cx.offer_source(token))));
+        }
     }
 }
 
