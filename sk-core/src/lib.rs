@@ -87,3 +87,8 @@ pub mod macro_support {
 #[cfg(doctest)]
 #[doc = include_str!("../../docs/guide/objects.md")]
 struct Guide;
+
+/// Runs the program of the page on timing.
+#[cfg(doctest)]
+#[doc = include_str!("../../docs/guide/timing.md")]
+struct Timing;
