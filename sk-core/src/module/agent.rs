@@ -83,7 +83,7 @@ impl Seed {
             }
         };
         let modules = Modules::spawn(cx);
-        let agent = Agent { runner: Some(runner), satellite, ending: self.ending };
+        let agent = Agent { runner: Some(runner), satellite, ending: self.ending, failed: false };
         if let Err(error) = cx.under(modules).named(&self.name).try_spawn(agent) {
             back.report(Report::Failed(error.to_string()));
             cx.quit();
@@ -97,6 +97,8 @@ pub(super) struct Agent {
     runner: Option<Box<dyn AnyRunner>>,
     satellite: Handle<SkFlowSat>,
     ending: Ending,
+    /// The module failed, and the supervisor has not begun it again yet.
+    failed: bool,
 }
 
 crate::object! { Agent { slots { on_buried(ObjectId, Reason) } hooks { on_destroy } } }
@@ -123,7 +125,10 @@ pub(super) fn agent(cx: &Cx, name: &str) -> Option<Handle<Agent>> {
 impl Handle<Agent> {
     fn report(self, cx: &mut Cx, report: Report) {
         // An agent that is gone has reported its end.
-        let _ = cx.with(self, |agent, _| agent.ending.back.report(report));
+        let _ = cx.with(self, |agent, _| {
+            agent.failed |= matches!(report, Report::Failed(_));
+            agent.ending.back.report(report);
+        });
     }
 
     fn with_runner<R>(
@@ -137,15 +142,23 @@ impl Handle<Agent> {
         Ok(answer)
     }
 
-    /// Makes the module if there is none, and starts it if it shall run.
-    pub(super) fn bring(self, cx: &mut Cx, run: bool) {
+    /// Makes the module if there is none, and starts it if it shall run. After a failure only if it is to be begun
+    /// again: the supervisor may have said how far it wants the module before it heard of the failure.
+    pub(super) fn bring(self, cx: &mut Cx, run: bool, again: bool) {
+        let refused = cx.with(self, |agent, _| {
+            agent.failed &= !again;
+            agent.failed
+        });
+        if refused != Ok(false) {
+            return;
+        }
         // The predecessor has its name until it is buried.
         let module = self.with_runner(cx, |runner, _| runner.module()).ok().flatten();
         let children = cx.children_of(self);
         let has_corpse =
             module.is_none() && children.into_iter().any(|child| cx.name_of(child) == Some(MODULE_NAME));
         if has_corpse {
-            cx.post_own(self, move |cx| self.bring(cx, run));
+            cx.post_own(self, move |cx| self.bring(cx, run, again));
             return;
         }
         let report = match self.try_bring(cx, module, run) {

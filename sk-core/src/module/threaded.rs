@@ -223,9 +223,11 @@ impl Handle<ModuleSupervisor> {
             let begun = self.begin_thread(cx);
             self.or_fail(cx, begun)?;
         }
-        let run = cx.with(self, |supervisor, _| supervisor.wanted == Wanted::Running)?;
-        cx.with(self, |supervisor, _| supervisor.state = ModuleState::Beginning)?;
-        self.with_home(cx, |home, _| home.tell(move |cx, agent| agent.bring(cx, run)))?;
+        let (run, again) = cx.with(self, |supervisor, _| {
+            let was = std::mem::replace(&mut supervisor.state, ModuleState::Beginning);
+            (supervisor.wanted == Wanted::Running, !matches!(was, ModuleState::Beginning | ModuleState::Made))
+        })?;
+        self.with_home(cx, |home, _| home.tell(move |cx, agent| agent.bring(cx, run, again)))?;
         self.tell(cx);
         Ok(())
     }
