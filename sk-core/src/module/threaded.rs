@@ -225,7 +225,10 @@ impl Handle<ModuleSupervisor> {
         }
         let (run, again) = cx.with(self, |supervisor, _| {
             let was = std::mem::replace(&mut supervisor.state, ModuleState::Beginning);
-            (supervisor.wanted == Wanted::Running, !matches!(was, ModuleState::Beginning | ModuleState::Made))
+            (
+                supervisor.wanted == Wanted::Running,
+                !matches!(was, ModuleState::Beginning | ModuleState::Made),
+            )
         })?;
         self.with_home(cx, |home, _| home.tell(move |cx, agent| agent.bring(cx, run, again)))?;
         self.tell(cx);

@@ -86,7 +86,9 @@ fn a_module_that_hangs_is_marked_given_up_and_stopped_when_it_ends_after_all() {
     let (tell, answered) = mpsc::channel();
     hanging.ask(app.cx(), ModuleOrder::Control("hang".into()), move |_, answer| tell.send(answer).unwrap());
     wait_for(&mut app, None);
-    app.cx().with(watcher, |watcher, _| watcher.wanted = Some(ModuleState::Stuck)).unwrap();
+    app.cx()
+        .with(watcher, |watcher, _| watcher.wanted = Some(ModuleState::Stuck))
+        .unwrap();
     // Told to stop, it does not: the modules before it are stopped all the same.
     modules.stop(app.cx());
     assert_eq!(hanging.state(app.cx()), Ok(ModuleState::Stopping));

@@ -172,7 +172,10 @@ fn modules_are_found_by_name_and_one_that_is_added_stopped_waits() {
     plain.start(hub.app.cx()).unwrap();
     assert_eq!(hub.state(plain), ModuleState::Running);
     // A module on this loop answers a question at once.
-    assert!(matches!(hub.ask(plain, control("dance")), Err(ModuleError::Failed { step: "control", .. })));
+    assert!(matches!(
+        hub.ask(plain, control("dance")),
+        Err(ModuleError::Failed { step: "control", .. })
+    ));
 }
 
 #[test]
