@@ -9,18 +9,21 @@ use arguments::Arguments;
 use clap::Parser;
 use greeting::{greeting, say};
 use keeper::Keeper;
-use sk_core::module::ModuleState;
+use sk_core::module::{ModuleState, ModuleStatus, Modules};
 use sk_core::prelude::*;
 use sk_core::world::World;
 use sk_robot::notify::ServiceManager;
+use sk_robot::places::Places;
 use sk_robot::supervise::{self, EXIT_MISTOLD, EXIT_REFUSED};
 use sk_robot::{Hub, HubBuilder, logging, registry};
+use std::path::Path;
 use std::process::ExitCode;
 
-/// Rounds in which the modules' channels come to be before the hub says what there is.
+/// Rounds, of the hub and of the threads of modules, in which the modules' channels come to be before the hub says
+/// what there is.
 const ROUNDS_BEFORE_GREETING: u32 = 8;
-/// Rounds after which a module that still begins is not waited for.
-const ROUNDS_BEFORE_GREETING_MAX: u32 = 200;
+/// A module that takes longer to begin is not waited for.
+const GREETING_WITHIN: Duration = Duration::from_secs(1);
 
 /// Why the hub does not run.
 enum Refusal {
@@ -78,6 +81,12 @@ fn run(arguments: Arguments) -> Result<u8, Refusal> {
         .build()
         .map_err(cannot_run)?;
 
+    // The user's own, because his programs come in by it.
+    let configured = config.hub.state_dir.as_deref().map(Path::new);
+    let places = Places::find(arguments.state_dir.as_deref().or(configured)).map_err(cannot_run)?;
+    let uid = nix::unistd::geteuid().as_raw();
+    places.check_owner(&*app.cx().world().storage, uid).map_err(cannot_run)?;
+
     let classes = builder.classes();
     let mut builder: HubBuilder = builder.configure(&config);
     if let Some(state_dir) = &arguments.state_dir {
@@ -89,14 +98,7 @@ fn run(arguments: Arguments) -> Result<u8, Refusal> {
         .unwrap_or_default();
     let modules = hub.modules;
     let keeper = Keeper::spawn(app.cx(), hub, arguments, classes, manager);
-    for round in 0..ROUNDS_BEFORE_GREETING_MAX {
-        let begins = |state| matches!(state, ModuleState::Beginning | ModuleState::Made);
-        let list = modules.list(app.cx()).unwrap_or_default();
-        if round >= ROUNDS_BEFORE_GREETING && !list.into_iter().any(|module| begins(module.state)) {
-            break;
-        }
-        app.pulse();
-    }
+    wait_for_modules(&mut app, modules);
     let mut text = greeting(app.cx(), keeper).map_err(cannot_run)?;
     if restarts > 0 {
         text.push_str(&format!("  restarted   {restarts} times after a crash\n"));
@@ -106,4 +108,27 @@ fn run(arguments: Arguments) -> Result<u8, Refusal> {
     app.run();
     say("\nskrobot has ended\n");
     Ok(0)
+}
+
+/// Pulses until the modules have begun and their channels are there, but not for ever.
+fn wait_for_modules(app: &mut SkApp, modules: Handle<Modules>) {
+    let begun = app.cx().now();
+    let (mut rounds, mut settled) = (0, begun);
+    while rounds < ROUNDS_BEFORE_GREETING || app.cx().now() < settled {
+        app.pulse();
+        let now = app.cx().now();
+        if now.since(begun) > GREETING_WITHIN {
+            return;
+        }
+        let list = modules.list(app.cx()).unwrap_or_default();
+        let begins =
+            |module: &ModuleStatus| matches!(module.state, ModuleState::Beginning | ModuleState::Made);
+        if list.iter().any(begins) {
+            rounds = 0;
+            let slowest = list.iter().filter_map(|module| module.thread).map(|place| place.interval).max();
+            settled = now + slowest.unwrap_or_default() * ROUNDS_BEFORE_GREETING;
+        } else {
+            rounds += 1;
+        }
+    }
 }
