@@ -149,7 +149,7 @@ fn greeting(cx: &mut Cx, farewell: Handle<Farewell>) -> Result<String, Access> {
     for address in &addresses {
         let how = match address {
             sk_core::flow::HubAddress::Unix(_) => "programs of this user come in as they are".to_owned(),
-            sk_core::flow::HubAddress::Tcp(_) => format!("with the token in {}", token.display()),
+            _ => format!("with the token in {}", token.display()),
         };
         let _ = writeln!(text, "  listens on  {address}  ({how})");
     }
