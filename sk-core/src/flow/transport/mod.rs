@@ -5,6 +5,7 @@ mod dial;
 mod link;
 mod pipe;
 mod stream_link;
+pub mod tty;
 #[cfg(feature = "websocket")]
 mod websocket;
 
