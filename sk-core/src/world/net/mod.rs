@@ -133,6 +133,15 @@ pub trait Stream {
     /// Writes the first bytes of `parts` in one system call and answers how many.
     fn write_vectored(&mut self, parts: &[io::IoSlice<'_>]) -> io::Result<usize>;
 
+    /// Writes what the stream itself holds back, answers to its own handshakes included. A socket holds
+    /// nothing; a layer over one (TLS, WebSocket) does.
+    ///
+    /// # Errors
+    /// `WouldBlock` while something is left: readiness to write is reported when more can go.
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+
     /// Tells the peer that nothing more will be written.
     fn shutdown_write(&mut self) -> io::Result<()>;
 

@@ -28,7 +28,7 @@ pub fn greeting(cx: &mut Cx, keeper: Handle<Keeper>) -> Result<String, Access> {
     for address in &addresses {
         let how = match address {
             HubAddress::Unix(_) => "programs of this user come in as they are".to_owned(),
-            HubAddress::Tcp(_) => format!("with the token in {}", token.display()),
+            _ => format!("with the token in {}", token.display()),
         };
         let _ = writeln!(text, "  listens on  {address}  ({how})");
     }
