@@ -51,12 +51,12 @@ pub enum Gathered {
     Ignored,
 }
 
-/// The unfinished messages of one connection, at most one for each channel.
+/// The unfinished messages of one connection, at most one for each key: a channel, or the tag of a call.
 ///
 /// Small pieces are copied out of the receive buffer, so that what is charged is what is held.
-#[derive(Debug, Default)]
-pub struct Gathering {
-    unfinished: FxHashMap<ChannelRef, Unfinished>,
+#[derive(Debug)]
+pub struct Gathering<K = ChannelRef> {
+    unfinished: FxHashMap<K, Unfinished>,
     bytes: usize,
 }
 
@@ -69,7 +69,13 @@ struct Unfinished {
     pieces: Option<Pieces>,
 }
 
-impl Gathering {
+impl<K> Default for Gathering<K> {
+    fn default() -> Self {
+        Gathering { unfinished: FxHashMap::default(), bytes: 0 }
+    }
+}
+
+impl<K: Copy + Eq + std::hash::Hash> Gathering<K> {
     /// Takes the next fragment of a channel.
     ///
     /// # Errors
@@ -77,7 +83,7 @@ impl Gathering {
     /// none, an empty fragment that is not the last, or a message longer than `bytes_max`.
     pub fn take(
         &mut self,
-        channel: ChannelRef,
+        channel: K,
         message: u32,
         flags: Flags,
         payload: Bytes,
@@ -114,7 +120,7 @@ impl Gathering {
 
     fn continue_message(
         &mut self,
-        channel: ChannelRef,
+        channel: K,
         message: u32,
         flags: Flags,
         payload: Bytes,
@@ -154,7 +160,7 @@ impl Gathering {
     }
 
     /// Forgets what is unfinished on a channel; says whether a message was held.
-    pub fn forget(&mut self, channel: ChannelRef) -> bool {
+    pub fn forget(&mut self, channel: K) -> bool {
         self.unfinished.remove(&channel).is_some_and(|ended| {
             self.bytes -= ended.charged;
             ended.pieces.is_some()

@@ -19,8 +19,14 @@ pub const FRAGMENT_BYTES_MIN: usize = 256;
 pub const MESSAGE_BYTES_MAX: usize = 16 * 1024 * 1024;
 /// The longest string on the wire, in bytes of UTF-8. Channel names have the same limit.
 pub const TEXT_BYTES_MAX: usize = 255;
-/// The longest encoded property map of a channel.
+/// The longest property map of a channel, in the binary form.
 pub const PROPERTIES_BYTES_MAX: usize = 16 * 1024;
+/// The same as JSON, where one byte may take six.
+pub const PROPERTIES_JSON_BYTES_MAX: usize = 6 * PROPERTIES_BYTES_MAX;
+/// The longest value of a variable, in either form.
+pub const VALUE_BYTES_MAX: usize = 1024 * 1024;
+/// The longest path inside a blob channel.
+pub const PATH_BYTES_MAX: usize = 1_024;
 
 /// How many channels a hub has: identifiers 0 to 32,767.
 pub const CHANNELS_MAX: usize = 32_768;
@@ -41,8 +47,9 @@ pub const CONNECTION_BYTES_MAX: usize = 32 * 1024 * 1024;
 pub const UNFINISHED_BYTES_MAX: usize = 32 * 1024 * 1024;
 /// What one fragment or one waiting message is charged beyond its payload.
 pub const ITEM_OVERHEAD_BYTES: usize = 64;
-/// What may wait in a connection's queue of control frames. Beyond it the connection is closed.
-pub const CONTROL_BYTES_MAX: usize = 1024 * 1024;
+/// What may wait in a connection's queue of control frames. Beyond it the connection is closed; from half
+/// of it on its own commands wait.
+pub const CONTROL_BYTES_MAX: usize = 4 * 1024 * 1024;
 /// How much is moved from the queues to the transport's side ahead of the socket. Small, so that drop
 /// policies still reach what waits behind it.
 pub const WIRE_BYTES_AHEAD: usize = 64 * 1024;
@@ -77,5 +84,6 @@ const _: () = {
     assert!(FRAGMENT_BYTES_MIN <= FRAGMENT_BYTES_MAX && FRAGMENT_BYTES_MAX <= MESSAGE_BYTES_MAX);
     assert!(MESSAGE_BYTES_MAX <= UNFINISHED_BYTES_MAX && MESSAGE_BYTES_MAX <= CONNECTION_BYTES_MAX);
     assert!(CHANNELS_MAX == i16::MAX as usize + 1 && CHANNELS_RESERVED_FOR_HUB < CHANNELS_MAX);
-    assert!(PROPERTIES_BYTES_MAX < CONTROL_BYTES_MAX && VERSION_OLDEST <= VERSION);
+    assert!(PROPERTIES_JSON_BYTES_MAX < CONTROL_BYTES_MAX && VALUE_BYTES_MAX < CONTROL_BYTES_MAX / 2);
+    assert!(VERSION_OLDEST <= VERSION);
 };

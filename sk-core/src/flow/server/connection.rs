@@ -5,7 +5,7 @@ use super::super::error::{ClosingReason, ProtocolError};
 use super::super::fragment::Gathering;
 use super::super::inbound::Inbound;
 use super::super::login::Nonce;
-use super::super::{ChannelRef, Command};
+use super::super::{ChannelRef, Command, Form};
 use super::output::Output;
 use sk_flat::{Instant, Name};
 use std::collections::VecDeque;
@@ -78,6 +78,10 @@ pub enum Ending {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Replay {
     pub(super) tag: u32,
+    /// The form of the properties.
+    pub(super) form: Form,
+    /// Whether it is the beginning of a flow.
+    pub(super) begins_flow: bool,
     /// The lowest identifier that has not been told.
     pub(super) next: u16,
     pub(super) told: u32,
@@ -95,6 +99,10 @@ pub(super) struct Connection {
     pub(super) hub_nonce: Nonce,
     pub(super) user: Option<Name>,
     pub(super) rights: Rights,
+    /// The full name of the flow, once it is one.
+    pub(super) flow: Option<Name>,
+    /// The form of values in the events of the flow.
+    pub(super) form: Form,
     pub(super) gathering: Gathering,
     pub(super) owned: Vec<ChannelRef>,
     pub(super) replay: Option<Replay>,
@@ -128,6 +136,8 @@ impl Connection {
             hub_nonce,
             user: None,
             rights: Rights::NONE,
+            flow: None,
+            form: Form::Binary,
             gathering: Gathering::default(),
             owned: Vec::new(),
             replay: None,

@@ -3,7 +3,8 @@
 use super::super::definition::{Encoded, Tagged};
 use super::super::error::{ProtocolError, RefusalCode};
 use super::super::limits::TURN_COST_MAX;
-use super::super::{Command, Event, Message};
+use super::super::{ChannelKind, Command, Event, Flags, Message};
+use super::channels::Wish;
 use super::{ConnectionId, ServerCore};
 use sk_flat::Instant;
 
@@ -111,16 +112,28 @@ impl ServerCore {
             Command::LoginPeer {} => self.login_peer(id, tag),
             Command::Ping {} => self.answer(id, tag, &Event::Pong {}),
             Command::Pong {} => {}
-            Command::SetAsync {} => self.set_async(id, tag),
-            Command::ListChannels {} => self.list(id, tag),
-            Command::CreateStream { name, properties } => self.create_stream(id, tag, &name, properties),
+            Command::SetAsync { name, session: _, form } => self.set_async(id, tag, &name, form),
+            Command::ListChannels { form } => self.list(id, tag, form),
+            Command::CreateStream { name, properties } => {
+                self.create_channel(id, tag, ChannelKind::Stream, &name, properties);
+            }
             Command::RemoveChannel { channel } => self.remove_on_request(id, tag, channel),
-            Command::Subscribe { channel, depth } => self.subscribe(id, tag, channel, depth)?,
+            Command::Subscribe { channel, policy, depth, divisor } => {
+                self.subscribe(id, tag, channel, Wish { policy, depth, divisor })?;
+            }
             Command::Unsubscribe { channel } => self.unsubscribe(id, tag, channel),
             Command::Publish { channel, message, payload } => {
                 self.publish(id, tag, flags, super::publish::Piece { channel, message, payload })?;
             }
+            message => self.not_offered(id, tag, flags, &message),
         }
         Ok(())
+    }
+
+    /// A command of a part that this hub does not have. A message in fragments is refused once.
+    fn not_offered(&mut self, id: ConnectionId, tag: u32, flags: Flags, command: &Command) {
+        if !command.definition().fragment || flags.has(Flags::FIRST) {
+            self.refuse(id, tag, RefusalCode::NotOffered);
+        }
     }
 }

@@ -7,7 +7,7 @@ mod login;
 
 use super::super::limits::*;
 use super::super::satellite::{Credentials, SatelliteCore, SatelliteEvent};
-use super::super::{ChannelRef, Command, Flags, Header, Inbound, Properties, Rights, Tagged};
+use super::super::{ChannelRef, Command, Flags, Form, Header, Inbound, Policy, Properties, Rights, Tagged};
 use super::*;
 use bytes::Bytes;
 use sk_flat::SkVariant;
@@ -24,6 +24,14 @@ fn hub() -> ServerCore {
 
 fn no_properties() -> Properties {
     Properties::new(&SkVariant::map([] as [(&str, SkVariant); 0])).expect("an empty map")
+}
+
+fn set_async() -> Command {
+    Command::SetAsync { name: String::new(), session: [0; 16], form: Form::Binary }
+}
+
+fn subscribe(channel: ChannelRef, depth: u16) -> Command {
+    Command::Subscribe { channel, policy: Policy::Latest, depth, divisor: 1 }
 }
 
 fn at(ms: u64) -> Instant {
@@ -86,7 +94,7 @@ impl Raw {
 
     fn flow_with(hub: &mut ServerCore, origin: Origin, fragment_bytes: u32) -> Raw {
         let mut raw = Raw::open(hub, origin);
-        for command in [Raw::hello(fragment_bytes), Command::LoginPeer {}, Command::SetAsync {}] {
+        for command in [Raw::hello(fragment_bytes), Command::LoginPeer {}, set_async()] {
             raw.send(hub, 1, &command);
         }
         raw.read(hub);
@@ -105,7 +113,7 @@ impl Raw {
     }
 
     fn subscribe(&mut self, hub: &mut ServerCore, channel: ChannelRef) {
-        self.send(hub, 78, &Command::Subscribe { channel, depth: 0 });
+        self.send(hub, 78, &subscribe(channel, 0));
         assert!(tagged(&self.read(hub), 78).contains(&Event::Subscribed { channel }));
     }
 
