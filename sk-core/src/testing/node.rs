@@ -56,6 +56,14 @@ impl Node {
         result
     }
 
+    /// As [`with`](Node::with), but the loop is left alone: to look, and to change nothing.
+    ///
+    /// # Panics
+    /// If a slot of this very loop calls it.
+    pub fn inspect<R>(&self, look: impl FnOnce(&mut Cx) -> R) -> R {
+        look(&mut self.cx.borrow_mut())
+    }
+
     /// The machine it runs on.
     pub fn machine(&self) -> &SimulatedWorld {
         &self.machine
