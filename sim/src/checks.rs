@@ -20,7 +20,10 @@ pub(crate) fn always(run: &Run<'_>) {
             && let counters = node.inspect(|cx| *cx.counters())
             && counters.failures > 0
         {
-            let text = format!("n{number}: {} slots failed, {} of them panicked", counters.failures, counters.panics);
+            let text = format!(
+                "n{number}: {} slots failed, {} of them panicked",
+                counters.failures, counters.panics
+            );
             complain(Rule::Panic, text);
         }
     }
@@ -79,7 +82,8 @@ pub(crate) fn calm(run: &Run<'_>) {
             let received = ledger::with(|ledger| ledger.received.get(&key).copied().unwrap_or_default());
             let known = wishes.values().any(|wishes| wishes.connection == Some(key.0));
             if counts.queued > 0 {
-                let text = format!("connection {connection}, channel {channel}: {} still wait", counts.queued);
+                let text =
+                    format!("connection {connection}, channel {channel}: {} still wait", counts.queued);
                 complain(Rule::Books, text);
             }
             if known && !received.muddled && counts.delivered != received.count {
@@ -94,7 +98,10 @@ pub(crate) fn calm(run: &Run<'_>) {
     if let Some((published, last)) = run.pair()
         && last.map_or(0, |last| last + 2) < published
     {
-        complain(Rule::Bystander, format!("{published} messages were published, the last heard was {last:?}"));
+        complain(
+            Rule::Bystander,
+            format!("{published} messages were published, the last heard was {last:?}"),
+        );
     }
 }
 

@@ -23,8 +23,9 @@ pub fn script(seed: u64) -> Script {
         .filter(|(_, role)| !matches!(role, Role::Hub | Role::Speaker | Role::Listener))
         .collect();
     let mut steps = Vec::new();
+    draw.beginnings(&mut steps, &actors);
     // Everybody is let in by then, in most runs.
-    let mut at_us = 30_000 + draw.below(20_000);
+    let mut at_us = 45_000;
     for _ in 0..10 + draw.below(60) {
         let (node, role) = actors[draw.below(actors.len() as u64) as usize];
         let kind = kinds[draw.below(kinds.len() as u64) as usize];
@@ -100,12 +101,27 @@ impl Draw {
             Kind::Refusals,
             Kind::Deaths,
         ];
-        let mut kinds = vec![Kind::Channels, Kind::Subscriptions, Kind::Subscriptions, Kind::Bursts, Kind::Bursts];
+        let mut kinds =
+            vec![Kind::Channels, Kind::Subscriptions, Kind::Subscriptions, Kind::Bursts, Kind::Bursts];
         kinds.extend(sometimes.into_iter().filter(|_| self.one_in(2)));
         if self.one_in(8) {
             kinds.push(Kind::HubDeaths);
         }
         kinds
+    }
+
+    /// Most have something to say and somebody to hear from the start.
+    fn beginnings(&mut self, steps: &mut Vec<Step>, actors: &[(u16, Role)]) {
+        for &(node, role) in actors.iter().filter(|(_, role)| *role != Role::Wild) {
+            let at_us = 25_000 + self.below(10_000);
+            for channel in 0..self.below(CHANNELS) as u8 {
+                steps.push(Step { at_us, node, action: Action::Open(channel) });
+            }
+            for _ in 0..self.below(4) {
+                let at_us = 25_000 + self.below(20_000);
+                self.step(steps, at_us, (node, role), Kind::Subscriptions, actors);
+            }
+        }
     }
 
     fn step(
@@ -119,7 +135,11 @@ impl Draw {
         let mut add = |at_us, node, action| steps.push(Step { at_us, node, action });
         let channel = self.below(CHANNELS) as u8;
         if role == Role::Wild {
-            return add(at_us, node, Action::Wild(WILDNESSES[self.below(WILDNESSES.len() as u64) as usize].0));
+            return add(
+                at_us,
+                node,
+                Action::Wild(WILDNESSES[self.below(WILDNESSES.len() as u64) as usize].0),
+            );
         }
         let other = actors[self.below(actors.len() as u64) as usize].0;
         let later = at_us + 1000 + self.below(700_000);
@@ -132,7 +152,11 @@ impl Draw {
                 add(at_us, node, Action::Hear(other, channel, depth));
             }
             Kind::Bursts => {
-                add(at_us, node, Action::Burst(channel, 1 + self.below(20) as u16, 30 + self.below(300) as u32));
+                add(
+                    at_us,
+                    node,
+                    Action::Burst(channel, 1 + self.below(20) as u16, 30 + self.below(300) as u32),
+                );
             }
             Kind::LargeBursts => {
                 let bytes = 1000 << self.below(9);

@@ -79,7 +79,10 @@ fn show(script: &Script) -> ExitCode {
     log::aloud();
     print!("{script}");
     let outcome = run(script);
-    println!("{} messages published, {} heard, hash {:016x}", outcome.published, outcome.heard, outcome.hash);
+    println!(
+        "{} messages published, {} heard, hash {:016x}",
+        outcome.published, outcome.heard, outcome.hash
+    );
     match outcome.complaint {
         None => {
             println!("no rule was broken");

@@ -203,7 +203,10 @@ impl<'a> Run<'a> {
 
     fn insiders(&self) -> impl Iterator<Item = u16> + '_ {
         let inside = |part: &Part| matches!(part.role, Role::Inside { .. });
-        self.parts.iter().filter(move |(_, part)| inside(part)).map(|(number, _)| *number)
+        self.parts
+            .iter()
+            .filter(move |(_, part)| inside(part))
+            .map(|(number, _)| *number)
     }
 
     /// The hub's process and its server, while it runs.
@@ -216,7 +219,8 @@ impl<'a> Run<'a> {
     }
 
     fn start_inside(&mut self, who: Identity) {
-        let Some(&Role::Inside { thread, publish, subscribe }) = self.parts.get(&who.node).map(|p| &p.role) else {
+        let Some(&Role::Inside { thread, publish, subscribe }) = self.parts.get(&who.node).map(|p| &p.role)
+        else {
             return;
         };
         let Some((node, server)) = self.hub() else { return };
@@ -233,7 +237,11 @@ impl<'a> Run<'a> {
                 let hub = SkFlowSat::inside(cx, seed);
                 return Some((Some(Actor::Member(Member::start(cx, who, hub))), None));
             }
-            let thread = SkThread::new("inside").mode(TimingMode::SelectIo).interval(INTERVAL).start(cx).ok()?;
+            let thread = SkThread::new("inside")
+                .mode(TimingMode::SelectIo)
+                .interval(INTERVAL)
+                .start(cx)
+                .ok()?;
             let remote = thread.build(move |cx| {
                 let hub = SkFlowSat::inside(cx, seed);
                 let member = Member::start(cx, who, hub);
@@ -273,7 +281,8 @@ impl<'a> Run<'a> {
                     threads.extend(part.thread.take());
                 }
             }
-            ledger::with(|ledger| ledger.pair = None);
+            // The next hub numbers its connections anew.
+            ledger::with(|ledger| (ledger.pair, ledger.received) = (None, BTreeMap::new()));
         }
         let Some(part) = self.parts.get_mut(&number) else { return };
         let Some(node) = part.node.take() else { return };
@@ -345,6 +354,7 @@ impl<'a> Run<'a> {
     fn calm(&mut self) -> Result<(), Complaint> {
         let numbers: Vec<u16> = self.parts.keys().copied().collect();
         self.start(0);
+        self.hush();
         for number in numbers.iter().copied().filter(|number| *number != 0) {
             self.act(number, Action::Mend);
             self.act(number, Action::Slow(0));
@@ -352,6 +362,13 @@ impl<'a> Run<'a> {
         self.go_on(CALM)?;
         checks::calm(self);
         self.judge()
+    }
+
+    /// The undisturbed pair has been heard enough: the rest of the run costs less without it.
+    fn hush(&mut self) {
+        let speakers = self.parts.iter().filter(|(_, part)| part.role == Role::Speaker);
+        let speakers: Vec<u16> = speakers.map(|(number, _)| *number).collect();
+        speakers.into_iter().for_each(|number| self.command(number, Action::Quit));
     }
 
     /// Everybody leaves, one way or another; then the hub has nothing left, and ends.
@@ -409,7 +426,9 @@ impl<'a> Run<'a> {
         if let Some((node, _)) = self.hub()
             && !node.has_ended()
         {
-            ledger::with(|ledger| ledger.complain(Rule::Ended, "the hub was asked to end and did not".into()));
+            ledger::with(|ledger| {
+                ledger.complain(Rule::Ended, "the hub was asked to end and did not".into())
+            });
         }
         self.judge()
     }
@@ -436,7 +455,9 @@ impl<'a> Run<'a> {
     pub(crate) fn pair(&self) -> Option<(u64, Option<u64>)> {
         let (listener, speaker) = ledger::with(|ledger| ledger.pair)?;
         let origin = Origin { node: speaker, life: 0, channel: 0 };
-        Some(ledger::with(|ledger| (ledger.published_by(origin), ledger.last_heard((listener, 0), origin))))
+        Some(ledger::with(|ledger| {
+            (ledger.published_by(origin), ledger.last_heard((listener, 0), origin))
+        }))
     }
 }
 

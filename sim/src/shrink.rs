@@ -44,7 +44,11 @@ struct Search {
 impl Search {
     fn size(&self) -> (usize, usize, u64) {
         let script = &self.best.script;
-        (script.steps.len(), script.nodes.len(), script.steps.iter().map(|step| weight(step.action)).sum())
+        (
+            script.steps.len(),
+            script.nodes.len(),
+            script.steps.iter().map(|step| weight(step.action)).sum(),
+        )
     }
 
     /// Takes the candidate if it breaks the same rule.

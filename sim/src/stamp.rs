@@ -59,7 +59,8 @@ impl Stamp {
             return None;
         }
         let two = |at: usize| u16::from_le_bytes([body[at], body[at + 1]]);
-        let eight = |at: usize| body[at..at + 8].iter().rev().fold(0, |sum, byte| sum << 8 | u64::from(*byte));
+        let eight =
+            |at: usize| body[at..at + 8].iter().rev().fold(0, |sum, byte| sum << 8 | u64::from(*byte));
         Some(Stamp {
             origin: Origin { node: two(0), life: two(2), channel: body[4] },
             reference: ChannelRef { id: two(5) as i16, epoch: two(7) },

@@ -21,6 +21,8 @@ pub(crate) struct Member {
     known: BTreeMap<String, ChannelRef>,
     own: BTreeSet<u8>,
     wanted: BTreeSet<String>,
+    /// Of one that publishes all the time.
+    voice: Option<Handle<Timer>>,
     pub(crate) ready: bool,
 }
 
@@ -41,6 +43,7 @@ impl Member {
             known: BTreeMap::new(),
             own: BTreeSet::new(),
             wanted: BTreeSet::new(),
+            voice: None,
             ready: false,
         });
         attach!(cx, hub.message => member.hear);
@@ -56,8 +59,9 @@ impl Member {
     pub(crate) fn speak_always(cx: &mut Cx, this: Handle<Member>) {
         let timer = cx.spawn(Timer::default());
         attach!(cx, timer.timeout => this.speak);
-        // It was made just now.
+        // Both were made just now.
         let _ = timer.start(cx, SPEAKS_EVERY);
+        let _ = cx.with(this, |member, _| member.voice = Some(timer));
     }
 
     pub(crate) fn act(&mut self, cx: &mut Cx, action: Action) {
@@ -77,13 +81,19 @@ impl Member {
                 let name = channel_name(node, channel);
                 let _ = self.hub.unsubscribe(cx, &name);
                 self.wanted.remove(&name);
-                if let (Some(connection), Some(reference)) = (self.hub.connection(cx), self.known.get(&name)) {
+                if let (Some(connection), Some(reference)) = (self.hub.connection(cx), self.known.get(&name))
+                {
                     ledger::with(|ledger| ledger.gave_up(connection, *reference));
                 }
             }
             Action::Burst(channel, count, bytes) => {
                 for _ in 0..count {
                     self.publish(cx, channel, bytes as usize);
+                }
+            }
+            Action::Quit => {
+                if let Some(timer) = self.voice.take() {
+                    cx.destroy_later(timer);
                 }
             }
             _ => {}
@@ -116,7 +126,10 @@ impl Member {
             ledger.now = cx.clock_now();
             ledger.next_stamp(origin, *reference)
         });
-        if self.hub.publish_bytes(cx, &own_name(self.who.node, channel), stamp.message(bytes)) {
+        if self
+            .hub
+            .publish_bytes(cx, &own_name(self.who.node, channel), stamp.message(bytes))
+        {
             ledger::with(|ledger| ledger.was_published(&stamp));
         }
     }

@@ -154,7 +154,8 @@ impl Plain {
     /// Begins a message and gives it up, which the core never does by itself.
     fn abort(&mut self, cx: &mut Cx, channel: u8, bytes: usize) {
         self.flush(cx);
-        let (Some(core), Some(socket), Some(Some(reference))) = (&self.core, self.socket, self.own.get(&channel))
+        let (Some(core), Some(socket), Some(Some(reference))) =
+            (&self.core, self.socket, self.own.get(&channel))
         else {
             return;
         };
@@ -174,7 +175,9 @@ impl Plain {
     fn connect(&mut self, cx: &mut Cx) {
         self.connect_at = cx.now() + CONNECTS_AFTER;
         let this = cx.this(self);
-        let Ok(socket) = Socket::connect_placed(cx.under(this), &self.way.address().endpoint()) else { return };
+        let Ok(socket) = Socket::connect_placed(cx.under(this), &self.way.address().endpoint()) else {
+            return;
+        };
         attach!(cx, socket.readable => this.hear);
         attach!(cx, socket.connected => this.go_on);
         attach!(cx, socket.drained => this.go_on);
@@ -233,7 +236,8 @@ impl Plain {
                     self.names.insert(info.channel, info.name);
                 }
                 SatelliteEvent::Created { channel, name, .. } => {
-                    let mine = self.own.iter_mut().find(|(own, _)| channel_name(self.who.node, **own) == name);
+                    let mine =
+                        self.own.iter_mut().find(|(own, _)| channel_name(self.who.node, **own) == name);
                     if let Some((_, reference)) = mine {
                         *reference = Some(channel);
                     }

@@ -40,7 +40,9 @@ impl Wild {
         self.kind = kind;
         self.done = false;
         let this = cx.this(self);
-        let Ok(socket) = Socket::connect_placed(cx.under(this), &Way::Tcp.address().endpoint()) else { return };
+        let Ok(socket) = Socket::connect_placed(cx.under(this), &Way::Tcp.address().endpoint()) else {
+            return;
+        };
         attach!(cx, socket.readable => this.hear);
         attach!(cx, socket.connected => this.go_on);
         attach!(cx, socket.closed => this.gone);
