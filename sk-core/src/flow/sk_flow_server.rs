@@ -471,6 +471,14 @@ impl Handle<SkFlowServer> {
         Ok(far)
     }
 
+    /// As [`ServerCore::narrow_channel_ids`].
+    ///
+    /// # Errors
+    /// If the server is gone, or one of its slots is running.
+    pub fn narrow_channel_ids(self, cx: &mut Cx, ids: std::ops::Range<u16>) -> Result<(), Access> {
+        cx.with(self, |server, _| server.core.narrow_channel_ids(ids))
+    }
+
     fn refuse_at_end(self, cx: &mut Cx) -> io::Result<()> {
         match cx.with(self, |server, _| server.ending.is_some()) {
             Ok(false) => Ok(()),

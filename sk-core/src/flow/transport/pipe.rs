@@ -7,8 +7,10 @@ use super::link::{Core, Link, Turn};
 use crate::Cx;
 use crate::flow::Encoded;
 use crate::thread::{Mailbox, Message};
-use crate::world::{Readiness, Token};
+use crate::world::{Readiness, SimulatedBell, Token};
 use crossbeam_channel::{Receiver, Sender, TryRecvError, TrySendError};
+use sk_flat::Instant;
+use std::cell::RefCell;
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering, fence};
 use std::sync::{Arc, OnceLock};
@@ -20,11 +22,22 @@ const TURN_FRAMES_MAX: usize = 64;
 
 /// How to make one end look at its queue.
 struct Bell {
-    place: OnceLock<(Arc<Mailbox>, Token)>,
+    place: OnceLock<Place>,
     rung: AtomicBool,
     /// The other end waits for room.
     wanted: AtomicBool,
 }
+
+/// The loop and source that serve an end.
+struct Place {
+    mailbox: Arc<Mailbox>,
+    token: Token,
+    /// In a simulated world the way takes time, and the simulated network tells the source.
+    simulated: Option<SimulatedBell>,
+}
+
+/// A frame, and when it arrives: at once in the real world.
+type Sent = (Instant, Encoded);
 
 impl Bell {
     fn new() -> Arc<Bell> {
@@ -40,7 +53,11 @@ impl Bell {
         // Ringing comes after what is to be found, hearing before looking for it. The fences make sure that a
         // bell that is not rung, because it was rung before, is heard after what this ring is about.
         fence(Ordering::SeqCst);
-        let Some((mailbox, token)) = self.place.get() else { return };
+        let Some(Place { mailbox, token, simulated }) = self.place.get() else { return };
+        if let Some(bell) = simulated.as_ref().filter(|bell| bell.takes_time(cx.is_my_mailbox(mailbox))) {
+            bell.ring();
+            return;
+        }
         if self.rung.swap(true, Ordering::AcqRel) {
             return;
         }
@@ -52,13 +69,23 @@ impl Bell {
             let _ = mailbox.post_anyway(Message::Settle(Box::new(move |cx| cx.offer_source(token))));
         }
     }
+
+    /// When what is sent now arrives, if the way takes time.
+    fn arrival(&self, cx: &Cx) -> Instant {
+        let Some(Place { mailbox, simulated: Some(bell), .. }) = self.place.get() else {
+            return Instant::ZERO;
+        };
+        if bell.takes_time(cx.is_my_mailbox(mailbox)) { bell.next_arrival() } else { Instant::ZERO }
+    }
 }
 
 /// One end of a pipe.
 pub(crate) struct PipeEnd {
     /// Both are `Some` until the end is dropped.
-    sender: Option<Sender<Encoded>>,
-    receiver: Option<Receiver<Encoded>>,
+    sender: Option<Sender<Sent>>,
+    receiver: Option<Receiver<Sent>>,
+    /// A frame that is still under way.
+    ahead: RefCell<Option<Sent>>,
     mine: Arc<Bell>,
     other: Arc<Bell>,
 }
@@ -82,16 +109,24 @@ impl PipeEnd {
         let near = PipeEnd {
             sender: Some(to_satellite),
             receiver: Some(from_satellite),
+            ahead: RefCell::new(None),
             mine: hub.clone(),
             other: satellite.clone(),
         };
-        let far = PipeEnd { sender: Some(to_hub), receiver: Some(from_hub), mine: satellite, other: hub };
+        let far = PipeEnd {
+            sender: Some(to_hub),
+            receiver: Some(from_hub),
+            ahead: RefCell::new(None),
+            mine: satellite,
+            other: hub,
+        };
         (near, PipeSeed(far))
     }
 
     /// From now on this end is served by that source.
     pub(crate) fn serve_by(&self, cx: &mut Cx, token: Token) {
-        let place = (cx.own_mailbox(), token);
+        let simulated = cx.world.simulated_share().map(|share| share.bell(token));
+        let place = Place { mailbox: cx.own_mailbox(), token, simulated };
         // An end is placed once, by whoever grows it.
         let _ = self.mine.place.set(place);
         // What came before is looked at now.
@@ -107,12 +142,12 @@ impl PipeEnd {
     /// Sends a frame, or gives it back if there is no room: the source is served again when there is.
     fn send(&self, cx: &mut Cx, frame: Encoded) -> Result<(), Option<Encoded>> {
         let Some(sender) = &self.sender else { return Err(None) };
-        match sender.try_send(frame) {
+        match sender.try_send((self.other.arrival(cx), frame)) {
             Ok(()) => {
                 self.other.ring(cx);
                 Ok(())
             }
-            Err(TrySendError::Full(frame)) => {
+            Err(TrySendError::Full((_, frame))) => {
                 self.mine.wanted.store(true, Ordering::Release);
                 self.other.ring(cx);
                 Err(Some(frame))
@@ -123,14 +158,22 @@ impl PipeEnd {
 
     fn take(&self, cx: &mut Cx) -> Taken {
         let Some(receiver) = &self.receiver else { return Taken::Closed };
-        let taken = receiver.try_recv();
+        let taken = match self.ahead.take() {
+            Some(sent) => Ok(sent),
+            None => receiver.try_recv(),
+        };
         // Looked at when nothing is there too: the sender may have found the queue full just before this end
         // emptied it, and said so just after.
         if self.other.wanted.swap(false, Ordering::AcqRel) {
             self.other.ring(cx);
         }
         match taken {
-            Ok(frame) => Taken::Frame(frame),
+            // The bell rings again when it has come.
+            Ok(sent) if sent.0 > Instant::ZERO && sent.0 > cx.clock_now() => {
+                self.ahead.replace(Some(sent));
+                Taken::Nothing
+            }
+            Ok((_, frame)) => Taken::Frame(frame),
             Err(TryRecvError::Empty) => Taken::Nothing,
             Err(TryRecvError::Disconnected) => Taken::Closed,
         }
@@ -188,7 +231,11 @@ impl Drop for PipeEnd {
     fn drop(&mut self) {
         drop((self.sender.take(), self.receiver.take()));
         fence(Ordering::SeqCst);
-        if let Some((mailbox, token)) = self.other.place.get() {
+        if let Some(Place { mailbox, token, simulated }) = self.other.place.get() {
+            if let Some(bell) = simulated {
+                bell.ring();
+                return;
+            }
             let token = *token;
             // A loop that has ended needs no telling.
             let _ = mailbox.post_anyway(Message::Settle(Box::new(move |cx| cx.offer_source(token))));

@@ -1,7 +1,10 @@
 //! Sockets and readiness.
 
 mod addresses;
+mod bell;
 mod endpoint;
+mod faults;
+mod machines;
 mod real;
 mod real_socket;
 mod real_token;
@@ -11,6 +14,9 @@ mod socket_file;
 mod switch;
 mod wire;
 
+pub(crate) use bell::SimulatedBell;
+pub use faults::LinkFaults;
+pub use machines::Death;
 pub use real::RealNet;
 pub(crate) use simulated::{Network, SIMULATED_UID};
 pub use simulated::{SimulatedNet, SimulatedShare};
