@@ -3,8 +3,9 @@
 use crate::Cx;
 use crate::object::{Header, MARKED, Node, ObjectId, Project, SkObject, WAITING};
 use crate::signal::{SlotFor, SlotMeta, SlotTag};
+use crate::sys::lease::Denied;
+use crate::sys::role::InRole;
 use std::any::{Any, TypeId};
-use std::marker::PhantomData;
 use std::rc::Rc;
 
 /// An `Rc<dyn Call<A>>` of an `A` that the asker knows.
@@ -37,14 +38,10 @@ pub trait Call<A: ?Sized> {
     fn is_shell(&self) -> bool;
 }
 
-/// The slot `S` of the object in `node`, or of the base that `P` leads to.
-#[doc(hidden)]
-pub struct BoundSlot<O, P, S> {
-    node: Rc<Node<O>>,
-    way: PhantomData<fn() -> (P, S)>,
-}
+/// The object of a node as the receiver of its slot `S`, or of the slot of the base that `P` leads to.
+type Receiver<O, P, S> = InRole<Node<O>, (P, S)>;
 
-impl<A, O, P, S> Call<A> for BoundSlot<O, P, S>
+impl<A, O, P, S> Call<A> for Receiver<O, P, S>
 where
     A: ?Sized,
     O: SkObject,
@@ -53,26 +50,23 @@ where
 {
     #[inline]
     fn call(&self, cx: &mut Cx, args: &A, allowed: u8) -> Reached {
-        let node = &*self.node;
-        let hindered = node.header.state.get() & (MARKED | WAITING) & !allowed;
-        if hindered != 0 {
-            return if hindered & MARKED != 0 { Reached::Gone } else { Reached::Busy };
-        }
-        let Ok(mut lease) = node.value.try_borrow_mut() else { return Reached::Busy };
-        let Some(object) = lease.as_mut() else { return Reached::Gone };
-        cx.enter(node.header.id, S::META);
-        if let Err(message) = S::invoke(P::project(object), cx, args) {
+        let mut object = match self.lease((MARKED | WAITING) & !allowed) {
+            Ok(object) => object,
+            Err(denied) => return not_reached(Node::header(self), denied),
+        };
+        cx.enter(Node::header(self).id, S::META);
+        if let Err(message) = S::invoke(P::project(&mut object), cx, args) {
             cx.slot_failed(message);
         }
-        drop(lease);
-        if node.header.has(WAITING) {
-            cx.drain_waiting(&node.header);
+        drop(object);
+        if Node::header(self).has(WAITING) {
+            cx.drain_waiting(Node::header(self));
         }
         Reached::Ran
     }
 
     fn header(&self) -> &Header {
-        &self.node.header
+        Node::header(self)
     }
 
     fn slot(&self) -> &'static SlotMeta {
@@ -80,8 +74,15 @@ where
     }
 
     fn is_shell(&self) -> bool {
-        self.node.value.try_borrow().is_ok_and(|value| value.is_none())
+        Node::is_shell(self)
     }
+}
+
+/// Whoever is marked or buried is gone, also while its last slot runs.
+#[cold]
+#[inline(never)]
+fn not_reached(header: &Header, denied: Denied) -> Reached {
+    if header.has(MARKED) || denied == Denied::Empty { Reached::Gone } else { Reached::Busy }
 }
 
 fn bound<A, O, P, S>(node: &Rc<Node<O>>) -> Bound
@@ -91,7 +92,7 @@ where
     S: SlotFor<A>,
     P: Project<O, S::Object>,
 {
-    let call: Rc<dyn Call<A>> = Rc::new(BoundSlot::<O, P, S> { node: node.clone(), way: PhantomData });
+    let call: Rc<dyn Call<A>> = Receiver::<O, P, S>::share(node);
     Box::new(call)
 }
 

@@ -4,6 +4,7 @@ use crate::Cx;
 use crate::object::{MARKED, WAITING};
 use crate::signal::{Call, Delivery, LinkKey, Mode, Reached, SlotMeta};
 use crate::thread::RemoteSend;
+use smallvec::SmallVec;
 use std::borrow::Borrow;
 use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
@@ -14,9 +15,11 @@ const QUEUE_KEPT_MAX: usize = 64;
 /// After so many rounds in use a link looks whether its queue is larger than it needs.
 const ROUNDS_BETWEEN_LOOKS: u64 = 8;
 
+/// 32 bytes.
 pub(crate) struct Link<A: ?Sized + ToOwned> {
-    pub key: LinkKey,
     pub kind: Kind<A>,
+    /// Tells most other links apart without a look at their receivers.
+    fingerprint: u64,
 }
 
 pub(crate) enum Kind<A: ?Sized + ToOwned> {
@@ -35,12 +38,13 @@ impl<A: ?Sized + ToOwned> Clone for Link<A> {
             Kind::Kept(kept) => Kind::Kept(kept.clone()),
             Kind::Remote(remote) => Kind::Remote(remote.clone()),
         };
-        Link { key: self.key, kind }
+        Link { kind, fingerprint: self.fingerprint }
     }
 }
 
-/// The links of a signal, in the order they were attached. Frozen from rewire to rewire.
-pub(crate) struct Links<A: ?Sized + ToOwned>(pub Vec<Link<A>>);
+/// The links of a signal, in the order they were attached. Frozen from rewire to rewire. Most signals have one,
+/// which lies in the list itself.
+pub(crate) struct Links<A: ?Sized + ToOwned>(pub SmallVec<[Link<A>; 1]>);
 
 /// A link that is queued, or spent after one call, or both.
 pub(crate) struct Kept<A: ?Sized + ToOwned> {
@@ -149,12 +153,29 @@ impl<A: ?Sized + ToOwned + 'static> Kept<A> {
         waiting.push_back(args.to_owned());
         self.most.set(self.most.get().max(waiting.len()));
         drop(waiting);
-        cx.queue_link(self.clone());
+        cx.queue.push_link(self);
         true
     }
 }
 
 impl<A: ?Sized + ToOwned> Link<A> {
+    pub(crate) fn new(key: LinkKey, kind: Kind<A>) -> Link<A> {
+        Link { kind, fingerprint: key.fingerprint() }
+    }
+
+    pub(crate) fn has(&self, key: LinkKey) -> bool {
+        self.fingerprint == key.fingerprint() && self.key() == key
+    }
+
+    pub(crate) fn key(&self) -> LinkKey {
+        let target = match &self.kind {
+            Kind::Direct(call) => call.target(),
+            Kind::Kept(kept) => kept.call.target(),
+            Kind::Remote(remote) => remote.target(),
+        };
+        LinkKey { target, slot: self.slot().uid }
+    }
+
     /// Whether the link will never call again: spent, or its receiver is buried.
     pub(crate) fn is_dead(&self) -> bool {
         match &self.kind {

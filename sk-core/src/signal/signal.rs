@@ -5,6 +5,7 @@ use crate::object::ObjectId;
 use crate::signal::link::{Kept, Kind, Link, missed};
 use crate::signal::{Bound, Call, Delivery, LinkKey, Links, Mode, Reached, SlotMeta};
 use crate::thread::RemoteSend;
+use smallvec::SmallVec;
 use std::any::{Any, TypeId};
 use std::borrow::Borrow;
 use std::fmt;
@@ -257,6 +258,9 @@ impl<A: ?Sized> RemoteSend<A> for IgnoringRemote {
     fn losses(&self) -> (u64, u64) {
         self.0.losses()
     }
+    fn target(&self) -> ObjectId {
+        self.0.target()
+    }
 }
 
 impl<A: ?Sized + ToOwned + 'static> Signal<A> {
@@ -287,8 +291,8 @@ impl<A: ?Sized + ToOwned + 'static> Signal<A> {
 
     /// Links are frozen between rewires, so nobody else holds them now but an emitter of the loop's own
     /// that was caught in the middle: it keeps the old ones.
-    fn links_mut(&mut self) -> &mut Vec<Link<A>> {
-        let links = self.links.get_or_insert_with(|| Rc::new(Links(Vec::new())));
+    fn links_mut(&mut self) -> &mut SmallVec<[Link<A>; 1]> {
+        let links = self.links.get_or_insert_with(|| Rc::new(Links(SmallVec::new())));
         if Rc::get_mut(links).is_none() {
             *links = Rc::new(Links(links.0.clone()));
         }
@@ -303,7 +307,7 @@ impl<A: ?Sized + ToOwned + 'static> AnySignal for Signal<A> {
     fn has(&self, key: LinkKey) -> bool {
         self.links
             .as_ref()
-            .is_some_and(|links| links.0.iter().any(|link| link.key == key))
+            .is_some_and(|links| links.0.iter().any(|link| link.has(key)))
     }
 
     fn attach(&mut self, order: Order) -> Attached {
@@ -313,17 +317,17 @@ impl<A: ?Sized + ToOwned + 'static> AnySignal for Signal<A> {
         if links.len() == links.capacity() {
             links.retain(|link| !link.is_dead());
             if links.len() == links.capacity() {
-                // 1, 2, 4 …: most signals have one listener and should not pay for four.
-                links.reserve_exact(links.len().max(1));
+                // 1, 2, 4 …: few signals have many listeners.
+                links.reserve_exact(links.len());
             }
         }
-        links.push(Link { key, kind });
+        links.push(Link::new(key, kind));
         Attached::New
     }
 
     fn detach(&mut self, key: LinkKey) -> bool {
         let Some(links) = &self.links else { return false };
-        let Some(at) = links.0.iter().position(|link| link.key == key) else { return false };
+        let Some(at) = links.0.iter().position(|link| link.has(key)) else { return false };
         if links.0.len() == 1 {
             self.links = None;
         } else {
@@ -347,7 +351,7 @@ impl<A: ?Sized + ToOwned + 'static> AnySignal for Signal<A> {
         for link in self.links.iter().flat_map(|links| &links.0) {
             let (replaced, refused) = link.losses();
             f(LinkInfo {
-                target: link.key.target,
+                target: link.key().target,
                 slot: link.slot(),
                 mode: link.mode(),
                 remote: matches!(link.kind, Kind::Remote(_)),
