@@ -38,15 +38,15 @@ impl<T> Node<T> {
         self.cell.head()
     }
 
-    /// The object for one call, unless one of the flags `hindered_by` is set.
+    /// The cell, for a slot call.
     #[inline]
-    pub(crate) fn lease(&self, hindered_by: u8) -> Result<Lease<'_, ObjectId, T>, Denied> {
-        self.cell.lease(hindered_by)
+    pub(crate) fn cell(&self) -> &Leased<ObjectId, T> {
+        &self.cell
     }
 
     /// The object for an access that is not a slot call, whatever its flags are.
     pub(crate) fn access(&self) -> Result<Lease<'_, ObjectId, T>, Access> {
-        self.lease(0).map_err(|denied| match denied {
+        self.cell.lease(0).map_err(|denied| match denied {
             Denied::Empty => Access::Gone,
             Denied::Leased | Denied::Flagged => Access::Busy,
         })

@@ -3,7 +3,7 @@
 use crate::Cx;
 use crate::object::{Header, MARKED, Node, ObjectId, Project, SkObject, WAITING};
 use crate::signal::{SlotFor, SlotMeta, SlotTag};
-use crate::sys::lease::Denied;
+use crate::sys::lease::{Denied, Lease};
 use crate::sys::role::InRole;
 use std::any::{Any, TypeId};
 use std::rc::Rc;
@@ -50,19 +50,10 @@ where
 {
     #[inline]
     fn call(&self, cx: &mut Cx, args: &A, allowed: u8) -> Reached {
-        let mut object = match self.lease((MARKED | WAITING) & !allowed) {
-            Ok(object) => object,
-            Err(denied) => return not_reached(Node::header(self), denied),
-        };
-        cx.enter(Node::header(self).id, S::META);
-        if let Err(message) = S::invoke(P::project(&mut object), cx, args) {
-            cx.slot_failed(message);
+        match self.cell().lease_unflagged() {
+            Some(object) => run::<A, O, P, S>(object, cx, args),
+            None => call_flagged::<A, O, P, S>(self, cx, args, allowed),
         }
-        drop(object);
-        if Node::header(self).has(WAITING) {
-            cx.drain_waiting(Node::header(self));
-        }
-        Reached::Ran
     }
 
     fn header(&self) -> &Header {
@@ -78,11 +69,53 @@ where
     }
 }
 
-/// Whoever is marked or buried is gone, also while its last slot runs.
+/// What happens in every call, whatever the state of the object. Here and in `call` nothing but the slot itself is
+/// called, unless a flag is set, so that they need no registers but those of the call.
+#[inline]
+fn run<A, O, P, S>(mut object: Lease<'_, ObjectId, O>, cx: &mut Cx, args: &A) -> Reached
+where
+    A: ?Sized,
+    O: SkObject,
+    S: SlotFor<A>,
+    P: Project<O, S::Object>,
+{
+    cx.enter(object.head().id, S::META);
+    if let Err(message) = S::invoke(P::project(&mut object), cx, args) {
+        cx.slot_failed(message);
+    }
+    match object.end_unflagged() {
+        Ok(()) => Reached::Ran,
+        Err(object) => end_flagged(object, cx),
+    }
+}
+
+/// A flag is set before the call: it may hinder it, or not.
 #[cold]
 #[inline(never)]
-fn not_reached(header: &Header, denied: Denied) -> Reached {
-    if header.has(MARKED) || denied == Denied::Empty { Reached::Gone } else { Reached::Busy }
+fn call_flagged<A, O, P, S>(node: &Node<O>, cx: &mut Cx, args: &A, allowed: u8) -> Reached
+where
+    A: ?Sized,
+    O: SkObject,
+    S: SlotFor<A>,
+    P: Project<O, S::Object>,
+{
+    match node.cell().lease((MARKED | WAITING) & !allowed) {
+        Ok(object) => run::<A, O, P, S>(object, cx, args),
+        // Whoever is marked or buried is gone, also while its last slot runs.
+        Err(denied) if denied == Denied::Empty || node.header().has(MARKED) => Reached::Gone,
+        Err(_) => Reached::Busy,
+    }
+}
+
+/// A flag is set after the call: calls may wait for the object.
+#[cold]
+#[inline(never)]
+fn end_flagged<O>(object: Lease<'_, ObjectId, O>, cx: &mut Cx) -> Reached {
+    let header = object.end();
+    if header.has(WAITING) {
+        cx.drain_waiting(header);
+    }
+    Reached::Ran
 }
 
 fn bound<A, O, P, S>(node: &Rc<Node<O>>) -> Bound

@@ -3,6 +3,7 @@
 use crate::Cx;
 use crate::object::{MARKED, WAITING};
 use crate::signal::{Call, Delivery, LinkKey, Mode, Reached, SlotMeta};
+use crate::sys::role::Held;
 use crate::thread::RemoteSend;
 use smallvec::SmallVec;
 use std::borrow::Borrow;
@@ -24,7 +25,7 @@ pub(crate) struct Link<A: ?Sized + ToOwned> {
 
 pub(crate) enum Kind<A: ?Sized + ToOwned> {
     /// The hot one: nothing between it and the slot.
-    Direct(Rc<dyn Call<A>>),
+    Direct(Held<dyn Call<A>>),
     /// Everything else on this thread.
     Kept(Rc<Kept<A>>),
     /// To another thread.
@@ -48,7 +49,7 @@ pub(crate) struct Links<A: ?Sized + ToOwned>(pub SmallVec<[Link<A>; 1]>);
 
 /// A link that is queued, or spent after one call, or both.
 pub(crate) struct Kept<A: ?Sized + ToOwned> {
-    pub call: Rc<dyn Call<A>>,
+    pub call: Held<dyn Call<A>>,
     pub mode: Mode,
     pub spent: Cell<bool>,
     /// Arguments of the calls that wait, oldest first: a queued call needs no box of its own.
@@ -83,7 +84,7 @@ impl LinkLosses {
 }
 
 impl<A: ?Sized + ToOwned + 'static> Kept<A> {
-    pub(crate) fn new(call: Rc<dyn Call<A>>, mode: Mode) -> Rc<Kept<A>> {
+    pub(crate) fn new(call: Held<dyn Call<A>>, mode: Mode) -> Rc<Kept<A>> {
         Rc::new(Kept {
             call,
             mode,
@@ -243,17 +244,17 @@ impl<A: ?Sized + ToOwned + 'static> Link<A> {
 }
 
 /// Answers `false` if the queue is full.
-fn put_off<A: ?Sized + ToOwned + 'static>(call: &Rc<dyn Call<A>>, cx: &mut Cx, args: &A) -> bool {
+fn put_off<A: ?Sized + ToOwned + 'static>(call: &Held<dyn Call<A>>, cx: &mut Cx, args: &A) -> bool {
     cx.counters.deepened += 1;
     if !cx.queue_has_room() {
         return false;
     }
-    cx.queue_once(Parked::<A>::boxed(call, args.to_owned()));
+    cx.queue_once(Parked::<A>::boxed(call.clone(), args.to_owned()));
     true
 }
 
 /// Answers `false` if the call was to wait and found no room.
-fn call_directly<A: ?Sized + ToOwned + 'static>(call: &Rc<dyn Call<A>>, cx: &mut Cx, args: &A) -> bool {
+fn call_directly<A: ?Sized + ToOwned + 'static>(call: &Held<dyn Call<A>>, cx: &mut Cx, args: &A) -> bool {
     let reached = call.call(cx, args, 0);
     reached == Reached::Ran || missed(call, cx, args, reached)
 }
@@ -263,14 +264,14 @@ fn call_directly<A: ?Sized + ToOwned + 'static>(call: &Rc<dyn Call<A>>, cx: &mut
 #[cold]
 #[inline(never)]
 pub(crate) fn missed<A: ?Sized + ToOwned + 'static>(
-    call: &Rc<dyn Call<A>>,
+    call: &Held<dyn Call<A>>,
     cx: &mut Cx,
     args: &A,
     reached: Reached,
 ) -> bool {
     match reached {
         Reached::Ran => true,
-        Reached::Busy => cx.park(call.header(), || Parked::<A>::boxed(call, args.to_owned())),
+        Reached::Busy => cx.park(call.header(), || Parked::<A>::boxed(call.clone(), args.to_owned())),
         Reached::Gone => {
             cx.counters.gone += 1;
             cx.note_dead_link();
@@ -311,13 +312,13 @@ pub(crate) trait OnceCall {
 }
 
 pub(crate) struct Parked<A: ?Sized + ToOwned> {
-    call: Rc<dyn Call<A>>,
+    call: Held<dyn Call<A>>,
     args: A::Owned,
 }
 
 impl<A: ?Sized + ToOwned + 'static> Parked<A> {
-    pub(crate) fn boxed(call: &Rc<dyn Call<A>>, args: A::Owned) -> Box<dyn OnceCall> {
-        Box::new(Parked::<A> { call: call.clone(), args })
+    pub(crate) fn boxed(call: Held<dyn Call<A>>, args: A::Owned) -> Box<dyn OnceCall> {
+        Box::new(Parked::<A> { call, args })
     }
 }
 

@@ -64,21 +64,20 @@ impl<I, T> Leased<I, T> {
         &self.head
     }
 
-    /// The value for one call, if nobody has it and none of the flags `hindered_by` is set.
+    /// The value for one call, if no flag is set at all: the usual case, one comparison and one write.
     #[inline]
-    pub(crate) fn lease(&self, hindered_by: u8) -> Result<Lease<'_, I, T>, Denied> {
+    pub(crate) fn lease_unflagged(&self) -> Option<Lease<'_, I, T>> {
         let flags = &self.head.flags;
-        if flags.get() == 0 {
-            // A constant and not `flags | LEASED`: the next call need not wait for what this one read.
-            flags.set(LEASED);
-        } else {
-            self.lease_despite(hindered_by)?;
+        if flags.get() != 0 {
+            return None;
         }
-        Ok(Lease { cell: self })
+        // A constant and not `flags | LEASED`: the next call need not wait for what this one read.
+        flags.set(LEASED);
+        Some(Lease { cell: self })
     }
 
-    #[inline(never)]
-    fn lease_despite(&self, hindered_by: u8) -> Result<(), Denied> {
+    /// The value for one call, if nobody has it and none of the flags `hindered_by` is set.
+    pub(crate) fn lease(&self, hindered_by: u8) -> Result<Lease<'_, I, T>, Denied> {
         let flags = self.head.flags.get();
         if flags & EMPTY != 0 {
             return Err(Denied::Empty);
@@ -90,7 +89,7 @@ impl<I, T> Leased<I, T> {
             return Err(Denied::Flagged);
         }
         self.head.flags.set(flags | LEASED);
-        Ok(())
+        Ok(Lease { cell: self })
     }
 
     pub(crate) fn is_leased(&self) -> bool {
@@ -110,12 +109,6 @@ impl<I, T> Leased<I, T> {
         let value = unsafe { (*self.value.get()).assume_init_read() };
         drop(lease);
         Some(value)
-    }
-
-    #[cold]
-    #[inline(never)]
-    fn release_among_flags(&self) {
-        self.head.flags.set(self.head.flags.get() & !LEASED);
     }
 }
 
@@ -153,15 +146,35 @@ impl<I, T> DerefMut for Lease<'_, I, T> {
     }
 }
 
+impl<'a, I, T> Lease<'a, I, T> {
+    /// Gives the lease back if no flag was set meanwhile; otherwise the lease comes back.
+    #[inline]
+    pub(crate) fn end_unflagged(self) -> Result<(), Lease<'a, I, T>> {
+        let flags = &self.cell.head.flags;
+        if flags.get() != LEASED {
+            return Err(self);
+        }
+        flags.set(0);
+        std::mem::forget(self);
+        Ok(())
+    }
+
+    #[inline]
+    pub(crate) fn head(&self) -> &Head<I> {
+        self.cell.head()
+    }
+
+    /// Gives the lease back, and shows the flags.
+    pub(crate) fn end(self) -> &'a Head<I> {
+        self.cell.head()
+    }
+}
+
 impl<I, T> Drop for Lease<'_, I, T> {
     #[inline]
     fn drop(&mut self) {
         let flags = &self.cell.head.flags;
-        if flags.get() == LEASED {
-            flags.set(0);
-        } else {
-            self.cell.release_among_flags();
-        }
+        flags.set(flags.get() & !LEASED);
     }
 }
 
@@ -180,7 +193,7 @@ mod tests {
         first.push('b');
         assert_eq!(cell.lease(0).err(), Some(Denied::Leased));
         assert!(cell.is_leased() && cell.take().is_none());
-        drop(first);
+        assert!(first.end_unflagged().is_ok());
         assert_eq!(&**cell.lease(0).ok().unwrap(), "ab");
         assert!(!cell.is_leased());
         assert_eq!(cell.head().id, 7);
@@ -194,8 +207,10 @@ mod tests {
         let lease = cell.lease(OTHER).ok().unwrap();
         cell.head().set(OTHER);
         cell.head().unset(MARK);
-        drop(lease);
-        assert!(cell.head().has(OTHER) && !cell.head().has(MARK) && !cell.is_leased());
+        let lease = lease.end_unflagged().err().unwrap();
+        assert!(cell.is_leased());
+        assert!(lease.end().has(OTHER) && !cell.head().has(MARK) && !cell.is_leased());
+        assert!(cell.lease_unflagged().is_none());
     }
 
     #[test]

@@ -2,7 +2,8 @@
 //!
 //! A trait object needs a type for each way of calling. A wrapper that holds an `Rc` of the value would be a
 //! second allocation and a second pointer to follow for every link; a role is the value itself, seen as another
-//! type.
+//! type. And the value of an `Rc<dyn Trait>` has to be looked for behind its counts at every use, since how far
+//! behind depends on its alignment; a [`Held`] knows where it is.
 #![allow(unsafe_code)]
 
 use std::marker::PhantomData;
@@ -35,9 +36,49 @@ impl<T, R> Deref for InRole<T, R> {
     }
 }
 
+/// An `Rc` that points at its value.
+pub(crate) struct Held<T: ?Sized> {
+    /// From `Rc::into_raw`, with the count that came with it.
+    value: *const T,
+    /// As an `Rc` it owns a share of a `T` and stays on its thread.
+    share: PhantomData<Rc<T>>,
+}
+
+impl<T: ?Sized> From<Rc<T>> for Held<T> {
+    fn from(shared: Rc<T>) -> Held<T> {
+        Held { value: Rc::into_raw(shared), share: PhantomData }
+    }
+}
+
+impl<T: ?Sized> Deref for Held<T> {
+    type Target = T;
+    #[inline]
+    fn deref(&self) -> &T {
+        // SAFETY: the pointer came from `into_raw` and holds a count until it is dropped, so the value lives;
+        // only shared references to it are ever made.
+        unsafe { &*self.value }
+    }
+}
+
+impl<T: ?Sized> Clone for Held<T> {
+    fn clone(&self) -> Held<T> {
+        // SAFETY: the pointer came from `into_raw` and holds a count, so there is at least one now.
+        unsafe { Rc::increment_strong_count(self.value) }
+        Held { value: self.value, share: PhantomData }
+    }
+}
+
+impl<T: ?Sized> Drop for Held<T> {
+    fn drop(&mut self) {
+        // SAFETY: the pointer came from `into_raw`; its count is given back here, once, and it is not used again.
+        drop(unsafe { Rc::from_raw(self.value) });
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::rc::Weak;
 
     trait Shape {
         fn corners(&self) -> usize;
@@ -66,6 +107,26 @@ mod tests {
         drop((text, three));
         assert!(weak.upgrade().is_some());
         drop(four);
+        assert!(weak.upgrade().is_none());
+    }
+
+    #[test]
+    fn what_is_held_lives_until_the_last_hold_goes() {
+        #[repr(align(64))]
+        struct Wide(u8);
+        impl Shape for Wide {
+            fn corners(&self) -> usize {
+                usize::from(self.0)
+            }
+        }
+        let wide = Rc::new(Wide(9));
+        let weak = Rc::downgrade(&wide);
+        let first: Held<dyn Shape> = Held::from(wide as Rc<dyn Shape>);
+        let second = first.clone();
+        assert_eq!((first.corners(), Weak::strong_count(&weak)), (9, 2));
+        drop(first);
+        assert_eq!(second.corners(), 9);
+        drop(second);
         assert!(weak.upgrade().is_none());
     }
 }
