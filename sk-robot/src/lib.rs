@@ -48,9 +48,11 @@ pub mod owner;
 pub mod places;
 pub mod registry;
 mod reload;
+mod run;
 pub mod supervise;
 
 pub use hub::{Hub, HubBuilder, HubError};
+pub use run::RunError;
 
 /// Runs the programs of the guide.
 #[cfg(doctest)]
