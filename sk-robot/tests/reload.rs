@@ -54,6 +54,20 @@ fn sighup_changes_what_can_change_and_says_what_cannot() {
 }
 
 #[test]
+fn the_end_of_its_terminal_ends_a_hub_that_was_started_there() {
+    let terminal = nix::pty::openpty(None, None).unwrap();
+    let mut hub = Hub::start_with(new_folder(), &["--tcp", "off"], |command| {
+        command.stdin(terminal.slave);
+    });
+    hub.signal(Signal::SIGHUP);
+    hub.logged("the configuration is taken over");
+    drop(terminal.master);
+    hub.signal(Signal::SIGHUP);
+    hub.logged("ending");
+    assert!(hub.end_by_itself());
+}
+
+#[test]
 fn a_reload_reaches_modules_here_and_on_threads() {
     for thread in ["null", r#"{"mode": "coarse"}"#] {
         let simulation = Simulation::new(1);

@@ -74,7 +74,8 @@ impl Keeper {
     }
 
     fn on_signal(&mut self, cx: &mut Cx, signal: OsSignal) -> std::io::Result<()> {
-        if signal == OsSignal::HangUp && !(self.had_terminal && !std::io::stdin().is_terminal()) {
+        let terminal_is_gone = self.had_terminal && !std::io::stdin().is_terminal();
+        if signal == OsSignal::HangUp && !terminal_is_gone {
             self.reload(cx);
             return Ok(());
         }
