@@ -2,6 +2,8 @@
 
 mod program;
 
+use nix::fcntl::OFlag;
+use nix::pty::{grantpt, posix_openpt, ptsname_r, unlockpt};
 use nix::sys::signal::Signal;
 use program::{Hub, new_folder, text};
 use sk_core::module::ModuleState;
@@ -55,13 +57,17 @@ fn sighup_changes_what_can_change_and_says_what_cannot() {
 
 #[test]
 fn the_end_of_its_terminal_ends_a_hub_that_was_started_there() {
-    let terminal = nix::pty::openpty(None, None).unwrap();
+    // Closed in every process that is started: else the terminal would live on in the hub itself.
+    let terminal = posix_openpt(OFlag::O_RDWR | OFlag::O_NOCTTY | OFlag::O_CLOEXEC).unwrap();
+    grantpt(&terminal).unwrap();
+    unlockpt(&terminal).unwrap();
+    let slave = std::fs::File::open(ptsname_r(&terminal).unwrap()).unwrap();
     let mut hub = Hub::start_with(new_folder(), &["--tcp", "off"], |command| {
-        command.stdin(terminal.slave);
+        command.stdin(slave);
     });
     hub.signal(Signal::SIGHUP);
     hub.logged("the configuration is taken over");
-    drop(terminal.master);
+    drop(terminal);
     hub.signal(Signal::SIGHUP);
     hub.logged("ending");
     assert!(hub.end_by_itself());
