@@ -58,3 +58,8 @@ pub use run::RunError;
 #[cfg(doctest)]
 #[doc = include_str!("../../docs/guide/hub.md")]
 struct Guide;
+
+/// Runs the programs of the page on modules.
+#[cfg(doctest)]
+#[doc = include_str!("../../docs/guide/modules.md")]
+struct Modules;

@@ -21,7 +21,7 @@ fn write(folder: &Path, text: &str) -> PathBuf {
 }
 
 #[test]
-fn sighup_changes_what_can_change_and_says_what_cannot() {
+fn s169_sighup_changes_what_can_change_and_says_what_cannot() {
     let folder = new_folder();
     let file = write(&folder, r#"{"listen": {"tcp": []}}"#);
     let mut hub = Hub::start_in(folder.clone(), &["--config", file.to_str().unwrap()]);

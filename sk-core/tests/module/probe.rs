@@ -113,7 +113,7 @@ impl AbstractModule for Probe {
 impl Probe {
     fn tick(&mut self, cx: &mut Cx) {
         self.ticks += 1;
-        if self.parameters.fault == "slow" && self.ticks % 10 == 0 {
+        if self.parameters.fault == "slow" && self.ticks.is_multiple_of(10) {
             cx.world().clock.sleep(Duration::from_millis(150));
         }
         if self.parameters.fault.ends_with("tick") {

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 const FILES: [(&str, &str); 6] = [
     ("Cargo.toml", include_str!("skeleton/Cargo.toml.in")),
     ("README.md", include_str!("skeleton/README.md.in")),
-    (".gitignore", "/target\n"),
+    (".gitignore", "/target\n/state\n"),
     ("src/lib.rs", include_str!("skeleton/lib.rs.in")),
     ("src/main.rs", include_str!("skeleton/main.rs.in")),
     ("tests/module.rs", include_str!("skeleton/module.rs.in")),
@@ -97,7 +97,7 @@ pub fn run(task: &ModuleNew) -> Result<(), String> {
     }
     println!("made {}: a module with a test and a program that runs it", folder.display());
     println!("  try   cd {} && cargo test", folder.display());
-    println!("        SKROBOT_STATE_DIR=/tmp/{name} cargo run");
+    println!("        SKROBOT_STATE_DIR=$PWD/state cargo run");
     Ok(())
 }
 
