@@ -10,4 +10,5 @@ pub(crate) mod random;
 pub(crate) mod sched;
 pub(crate) mod signal;
 pub(crate) mod timer;
+pub(crate) mod tty;
 pub(crate) mod unix;

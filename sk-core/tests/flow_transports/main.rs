@@ -3,11 +3,13 @@
 //! A rule that a transport cannot have is left out where the tests are made, with the reason beside it.
 
 mod garbage;
+mod line_rules;
 mod network;
 mod plug;
 mod rules;
 mod socket;
 mod supply;
+mod wire;
 
 /// Makes one test of each rule for one transport.
 macro_rules! conforms {
@@ -49,6 +51,15 @@ conforms! { pipe: crate::network::Kind::Pipe;
     messages_small_and_large_arrive_intact,
     a_light_channel_is_not_kept_waiting_by_a_heavy_one,
     an_end_in_any_round_leaves_the_others_undisturbed,
+}
+
+// A line has no connections of its own that could be cut, held or filled with garbage: the rules beside this suite
+// say what holds when that befalls the whole of it.
+conforms! { tty: crate::network::Kind::Tty;
+    messages_small_and_large_arrive_intact,
+    a_light_channel_is_not_kept_waiting_by_a_heavy_one,
+    an_end_in_any_round_leaves_the_others_undisturbed,
+    a_satellite_that_lost_its_hub_restores_channels_and_subscriptions,
 }
 
 #[cfg(feature = "websocket")]

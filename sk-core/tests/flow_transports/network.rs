@@ -2,6 +2,7 @@
 
 use super::plug::Cable;
 use super::supply::{self, PushedClock};
+use super::wire::Wire;
 use bytes::Bytes;
 use sk_core::flow::login::OwnerToken;
 use sk_core::flow::satellite::Credentials;
@@ -21,6 +22,7 @@ pub enum Kind {
     Tcp,
     Unix,
     Pipe,
+    Tty,
     #[cfg(feature = "websocket")]
     WebSocket,
 }
@@ -65,6 +67,7 @@ pub struct Network {
     pub server: Handle<SkFlowServer>,
     /// Where the hub is reached; none for a pipe.
     pub address: Option<HubAddress>,
+    wire: Option<Wire>,
 }
 
 /// A path in the temporary folder that nobody else uses.
@@ -89,11 +92,12 @@ impl Network {
         let builder = SkApp::builder().mode(TimingMode::SelectIo).interval(Duration::from_millis(2));
         let mut app = builder.world(world).build().expect("descriptors are left");
         let server = SkFlowServer::start(app.cx(), settings());
-        let mut network = Network { app, clock, kind, server, address: None };
+        let mut network = Network { app, clock, kind, server, address: None, wire: None };
         let wanted = match kind {
             Kind::Tcp => Some("tcp:127.0.0.1:0".parse().expect("an address")),
             Kind::Unix => Some(HubAddress::Unix(fresh_path("hub.sock"))),
             Kind::Pipe => None,
+            Kind::Tty => Some(network.wire.insert(Wire::new()).hub()),
             #[cfg(feature = "websocket")]
             Kind::WebSocket => Some("ws:127.0.0.1:0/flow".parse().expect("an address")),
         };
@@ -115,12 +119,17 @@ impl Network {
         self.listen(&at);
     }
 
+    pub fn wire(&self) -> &Wire {
+        self.wire.as_ref().expect("a serial line")
+    }
+
     pub fn cable(&mut self) -> Cable {
         Cable::to(self.address.as_ref().expect("a pipe is no cable"), fresh_path("cable.sock"))
     }
 
     pub fn satellite(&mut self) -> Station {
-        match self.address.clone() {
+        let line = self.wire.as_ref().map(Wire::satellite);
+        match line.or_else(|| self.address.clone()) {
             Some(address) => self.satellite_at(&address),
             None => {
                 let cx = self.app.cx();

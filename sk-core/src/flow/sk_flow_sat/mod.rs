@@ -259,7 +259,11 @@ impl SkFlowSat {
     fn begin(&mut self, cx: &mut Cx, link: Box<dyn Link>, token: Token, credentials: Credentials) {
         let mut nonce = [0; 32];
         cx.world().rng.fill(&mut nonce);
-        self.core = Some(SatelliteCore::flow(credentials, nonce, cx.now()));
+        let core = SatelliteCore::flow(credentials, nonce, cx.now());
+        self.core = Some(match link.fragment_bytes_max() {
+            Some(bytes_max) => core.with_fragments_of(bytes_max),
+            None => core,
+        });
         self.link = Some(link);
         self.token = Some(token);
         self.waiting = None;

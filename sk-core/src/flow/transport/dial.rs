@@ -3,6 +3,7 @@
 use super::HubAddress;
 use super::link::Link;
 use super::stream_link::StreamLink;
+use super::tty::SerialLine;
 #[cfg(feature = "websocket")]
 use super::websocket::WebSocketStream;
 use crate::Cx;
@@ -15,6 +16,9 @@ use std::io::{self, ErrorKind};
 /// What is known at once, as [`Net::connect`](crate::world::Net::connect) says, and `Unsupported` for a
 /// transport that this program was built without.
 pub(crate) fn dial(cx: &mut Cx, to: &HubAddress, token: Token) -> io::Result<Box<dyn Link>> {
+    if let HubAddress::Tty { .. } = to {
+        return SerialLine::call(cx, &to.endpoint(), token);
+    }
     Ok(StreamLink::new(stream_to(cx, to, token)?))
 }
 
