@@ -5,7 +5,10 @@ use crate::Cx;
 use crate::flow::HubAddress;
 use crate::flow::server::Origin;
 use crate::flow::transport::tty::{Opening, SerialLine};
+#[cfg(not(all(feature = "tls", feature = "websocket")))]
 use crate::flow::transport::unsupported;
+#[cfg(feature = "tls")]
+use crate::flow::transport::{TlsIdentity, TlsStream};
 #[cfg(feature = "websocket")]
 use crate::flow::transport::{WebSocketStream, agree};
 #[cfg(feature = "http")]
@@ -31,7 +34,39 @@ impl Handle<SkFlowServer> {
             #[cfg(feature = "websocket")]
             HubAddress::WebSocket { path, .. } => self.listen_for_upgrades(cx, at, path, None),
             HubAddress::Tty { .. } => self.listen_on_line(cx, at),
+            #[cfg(feature = "tls")]
+            HubAddress::Tls(_) | HubAddress::SecureWebSocket { .. } => {
+                let what = format!("to listen at {at} a certificate is needed: use `listen_secured`");
+                Err(io::Error::new(io::ErrorKind::InvalidInput, what))
+            }
+            #[cfg(not(all(feature = "tls", feature = "websocket")))]
             _ => Err(unsupported(at)),
+        }
+    }
+
+    /// As [`listen`](Handle::listen), at a `tls:` or `wss:` address: whoever connects is shown this certificate.
+    ///
+    /// # Errors
+    /// As [`listen`](Handle::listen), and `InvalidInput` for an address without TLS.
+    #[cfg(feature = "tls")]
+    pub fn listen_secured(
+        self,
+        cx: &mut Cx,
+        at: &HubAddress,
+        identity: TlsIdentity,
+    ) -> io::Result<HubAddress> {
+        self.refuse_at_end(cx)?;
+        let wrap: Wrap = Rc::new(move |stream| Ok(Box::new(TlsStream::accepted(stream, &identity)?)));
+        match at {
+            HubAddress::Tls(_) => self.listen_for_streams(cx, at, Some(wrap)),
+            #[cfg(feature = "websocket")]
+            HubAddress::SecureWebSocket { path, .. } => self.listen_for_upgrades(cx, at, path, Some(wrap)),
+            #[cfg(not(feature = "websocket"))]
+            HubAddress::SecureWebSocket { .. } => Err(unsupported(at)),
+            _ => {
+                let what = format!("{at} has no TLS: write `tls:` or `wss:`");
+                Err(io::Error::new(io::ErrorKind::InvalidInput, what))
+            }
         }
     }
 
