@@ -12,7 +12,10 @@ fn t24_messages_pass_intact_over_a_line_that_spoils_bytes() {
     for length in [1, 1000, 100_000, 7] {
         assert!(publisher.hub.publish_bytes(network.app.cx(), "data", pattern(length)));
     }
-    network.until("all messages arrive", |cx| listener.with(cx, |ear| ear.messages.len() == 4));
+    network.until("all messages arrive", |cx| {
+        assert_eq!(publisher.with(cx, |ear| ear.lost.clone()), Vec::<String>::new());
+        listener.with(cx, |ear| ear.messages.len() == 4)
+    });
     listener.with(network.app.cx(), |ear| {
         for (length, (_, payload)) in [1, 1000, 100_000, 7].into_iter().zip(&ear.messages) {
             assert!(*payload == pattern(length), "{length} bytes became {}", payload.len());

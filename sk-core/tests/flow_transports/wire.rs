@@ -4,6 +4,7 @@ use nix::pty::openpty;
 use nix::sys::termios::{SetArg, cfmakeraw, tcgetattr, tcsetattr};
 use nix::unistd::ttyname;
 use sk_core::flow::HubAddress;
+use sk_core::world::SimulatedRng;
 use std::fs::File;
 use std::io::{Read, Write};
 use std::os::fd::OwnedFd;
@@ -15,7 +16,7 @@ use std::thread;
 struct Shared {
     held: Mutex<bool>,
     changed: Condvar,
-    /// After so many bytes one is spoilt; 0 for never.
+    /// After about so many bytes one is spoilt; 0 for never.
     spoil_every: AtomicUsize,
     spoilt: AtomicU64,
 }
@@ -91,6 +92,9 @@ impl Wire {
 
 fn carry(mut from: File, mut to: File, shared: &Shared) {
     let (mut room, mut since_spoilt) = ([0; 1024], 0);
+    // Noise that came at regular intervals could meet the same envelope again and again.
+    let mut irregular = SimulatedRng::new(1, 0);
+    let mut next = 0;
     while let Ok(count @ 1..) = from.read(&mut room) {
         let mut held = shared.held.lock().expect("no holder panics");
         while *held {
@@ -99,8 +103,9 @@ fn carry(mut from: File, mut to: File, shared: &Shared) {
         drop(held);
         since_spoilt += count;
         let every = shared.spoil_every.load(Ordering::SeqCst);
-        if every > 0 && since_spoilt >= every {
+        if every > 0 && since_spoilt >= next {
             since_spoilt = 0;
+            next = every / 2 + irregular.below(every as u64) as usize;
             room[count / 2] ^= 0x10;
             shared.spoilt.fetch_add(1, Ordering::SeqCst);
         }
