@@ -1,6 +1,7 @@
 //! How frames travel: sockets, layers over them, and pipes inside the process.
 
 mod address;
+pub mod datagram;
 mod dial;
 mod link;
 mod pipe;
