@@ -230,7 +230,7 @@ impl SkFlowServer {
                 return;
             }
         };
-        self.take_link(cx, token, StreamLink::new(stream), origin, opened);
+        self.take_link(cx, token, Box::new(StreamLink::new(stream)), origin, opened);
     }
 
     fn take_link(&mut self, cx: &mut Cx, token: Token, link: Box<dyn Link>, origin: Origin, opened: Instant) {

@@ -44,7 +44,7 @@ pub(crate) fn dial(cx: &mut Cx, to: &Destination, token: Token) -> io::Result<Bo
     }
     check(to)?;
     let stream = cx.world().net.connect(&endpoint, token)?;
-    Ok(StreamLink::new(layers_over(cx, to, stream)?))
+    Ok(Box::new(StreamLink::new(layers_over(cx, to, stream)?)))
 }
 
 /// Finds out before anything is opened what cannot be.

@@ -188,7 +188,7 @@ proptest! {
         for piece in noise.chunks(40) {
             match piece {
                 [kind, stream, number, ack, payload @ ..] if as_envelopes => {
-                    let mut envelope = vec![kind % 10 << 4 | stream % 16, number % 4, ack % 4];
+                    let mut envelope = vec![((kind % 10) << 4) | (stream % 16), number % 4, ack % 4];
                     envelope.extend_from_slice(payload);
                     envelope.extend(crc32fast::hash(&envelope).to_le_bytes());
                     slip_encode(&envelope, &mut bytes);
