@@ -47,4 +47,6 @@ pub use sk_flow_server::SkFlowServer;
 pub use state::State;
 pub use table::{Command, Event};
 pub use transport::{AddressError, FLOW_PATH, HubAddress, PipeSeed};
+#[cfg(feature = "tls")]
+pub use transport::{TlsError, TlsIdentity, TlsTrust};
 pub use value::{Form, Properties, Value};

@@ -230,10 +230,14 @@ impl SkFlowServer {
                 return;
             }
         };
+        self.take_link(cx, token, Box::new(StreamLink::new(stream)), origin, opened);
+    }
+
+    fn take_link(&mut self, cx: &mut Cx, token: Token, link: Box<dyn Link>, origin: Origin, opened: Instant) {
         let mut nonce = [0; 32];
         cx.world().rng.fill(&mut nonce);
         match self.core.open(origin, nonce, opened) {
-            Ok(connection) => self.enlist(token, connection, StreamLink::new(stream)),
+            Ok(connection) => self.enlist(token, connection, link),
             Err(TooManyConnections) => cx.remove_source(token),
         }
         self.after(cx);

@@ -113,15 +113,28 @@ impl SatelliteCore {
             heard: now,
             pinged: now,
         };
-        core.send(&Command::Hello {
+        core.greet(FRAGMENT_BYTES_MAX as u32);
+        core
+    }
+
+    /// Proposes shorter fragments: a transport that is slow keeps what is light waiting for less time then. To be
+    /// asked for before the first byte is sent.
+    pub fn with_fragments_of(mut self, bytes_max: u32) -> SatelliteCore {
+        self.outbox = Outbox::default();
+        self.next_tag = 0;
+        self.greet(bytes_max);
+        self
+    }
+
+    fn greet(&mut self, fragment_bytes: u32) {
+        self.send(&Command::Hello {
             magic: MAGIC,
             version: VERSION,
             version_oldest: VERSION_OLDEST,
-            fragment_bytes: FRAGMENT_BYTES_MAX as u32,
+            fragment_bytes,
             message_bytes: MESSAGE_BYTES_MAX as u32,
-            nonce,
+            nonce: self.nonce,
         });
-        core
     }
 
     /// Takes received bytes; what they say comes out of [`next_event`](SatelliteCore::next_event).

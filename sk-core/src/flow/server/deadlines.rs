@@ -87,7 +87,7 @@ impl ServerCore {
         for (id, connection) in self.connections.iter().filter(|(_, connection)| is_waiting(connection)) {
             let address = match connection.origin {
                 Origin::Network(address) => Some(address),
-                Origin::Unix { .. } | Origin::Inside { .. } => None,
+                Origin::Unix { .. } | Origin::Line | Origin::Inside { .. } => None,
             };
             let entry = by_address.entry(address).or_insert((0, connection.opened, id));
             entry.0 += 1;

@@ -4,7 +4,9 @@ mod commands;
 mod events;
 
 use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteError, SatelliteEvent};
-use super::transport::{Broken, Core, Link, PipeSeed, TURN_BYTES_MAX, Turn, dial};
+#[cfg(feature = "tls")]
+use super::transport::TlsTrust;
+use super::transport::{Broken, Core, Destination, Link, PipeSeed, TURN_BYTES_MAX, Turn, dial};
 use super::wire::Slices;
 use super::{ChannelRef, Encoded, FlowMessage, HubAddress};
 use crate::eventloop::Timer;
@@ -114,7 +116,7 @@ crate::object! {
 /// How the hub is reached.
 enum Way {
     Address {
-        to: HubAddress,
+        to: Destination,
         credentials: Credentials,
     },
     /// Inside the process: if that breaks there is no hub any more.
@@ -176,7 +178,24 @@ impl SkFlowSat {
 
     /// As [`connect`](SkFlowSat::connect), with other credentials: the owner's token over TCP.
     pub fn connect_as(cx: &mut Cx, to: &HubAddress, credentials: Credentials) -> Handle<SkFlowSat> {
-        let satellite = SkFlowSat::make(cx, Way::Address { to: to.clone(), credentials });
+        SkFlowSat::connect_to(cx, Destination::from(to), credentials)
+    }
+
+    /// As [`connect_as`](SkFlowSat::connect_as), to a hub that has to show a certificate: at a `tls:` or `wss:`
+    /// address.
+    #[cfg(feature = "tls")]
+    pub fn connect_secured(
+        cx: &mut Cx,
+        to: &HubAddress,
+        credentials: Credentials,
+        trust: TlsTrust,
+    ) -> Handle<SkFlowSat> {
+        let to = Destination { trust: Some(trust), ..Destination::from(to) };
+        SkFlowSat::connect_to(cx, to, credentials)
+    }
+
+    fn connect_to(cx: &mut Cx, to: Destination, credentials: Credentials) -> Handle<SkFlowSat> {
+        let satellite = SkFlowSat::make(cx, Way::Address { to, credentials });
         // It was made just now.
         let _ = cx.with(satellite, |satellite, cx| satellite.open_link(cx));
         satellite
@@ -259,7 +278,11 @@ impl SkFlowSat {
     fn begin(&mut self, cx: &mut Cx, link: Box<dyn Link>, token: Token, credentials: Credentials) {
         let mut nonce = [0; 32];
         cx.world().rng.fill(&mut nonce);
-        self.core = Some(SatelliteCore::flow(credentials, nonce, cx.now()));
+        let core = SatelliteCore::flow(credentials, nonce, cx.now());
+        self.core = Some(match link.fragment_bytes_max() {
+            Some(bytes_max) => core.with_fragments_of(bytes_max),
+            None => core,
+        });
         self.link = Some(link);
         self.token = Some(token);
         self.waiting = None;

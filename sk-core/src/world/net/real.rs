@@ -2,6 +2,7 @@
 
 use super::real_socket::{RealDatagram, RealListener, RealStream};
 use super::real_token::{TIMER, WAKER, poll_token};
+use super::real_tty::RealTty;
 use super::socket_file::SocketFile;
 use super::{Datagram, Endpoint, Listener, Net, OsSignal, OsSignals, Readiness, Stream, Token, Wake};
 use crate::sys::signal::{self, EndingSignals};
@@ -106,6 +107,10 @@ impl RealNet {
     }
 }
 
+fn no_listening() -> io::Error {
+    io::Error::new(io::ErrorKind::Unsupported, "nobody can listen at a serial port: connect to it")
+}
+
 /// What an event says. An error or a hang-up makes reads and writes return at once, so it is both.
 fn readiness(event: &Event) -> Readiness {
     Readiness {
@@ -154,6 +159,7 @@ impl Net for RealNet {
                 let (listener, file) = SocketFile::listen(path)?;
                 RealListener::unix(listener, file, self.registry.clone())
             }
+            Endpoint::Tty { .. } => return Err(no_listening()),
         };
         self.registry.register(&mut listener, token, Interest::READABLE)?;
         Ok(Box::new(listener))
@@ -161,9 +167,14 @@ impl Net for RealNet {
 
     fn connect(&mut self, to: &Endpoint, token: Token) -> io::Result<Box<dyn Stream>> {
         let token = poll_token(token)?;
+        let both = Interest::READABLE | Interest::WRITABLE;
+        if let Endpoint::Tty { path, baud } = to {
+            let port = RealTty::open(path, *baud)?;
+            self.registry.register(&mut SourceFd(&port.raw_fd()), token, both)?;
+            return Ok(Box::new(port));
+        }
         let mut stream = RealStream::connect(to)?;
-        self.registry
-            .register(&mut stream, token, Interest::READABLE | Interest::WRITABLE)?;
+        self.registry.register(&mut stream, token, both)?;
         Ok(Box::new(stream))
     }
 
