@@ -1,7 +1,7 @@
 //! What is looked at from outside: the hub's books and registries, the loops' counters, the log.
 
 use crate::ledger::{self, Rule};
-use crate::run::{Run, Wishes, names_of};
+use crate::run::{Part, Run, Wishes, names_of};
 use crate::{log, script::Role};
 use sk_core::flow::server::ServerCore;
 use std::collections::BTreeMap;
@@ -75,7 +75,7 @@ pub(crate) fn calm(run: &Run<'_>) {
     }
     look_at_hub(run, |core| {
         for (number, wishes) in &wishes {
-            restored(core, run.parts[number].role, *number, wishes);
+            restored(core, &run.parts[number], *number, wishes);
         }
         for (connection, channel, counts) in core.subscriptions() {
             let key = (connection.wire(), channel);
@@ -105,12 +105,12 @@ pub(crate) fn calm(run: &Run<'_>) {
     }
 }
 
-fn restored(core: &ServerCore, role: Role, number: u16, wishes: &Wishes) {
-    let (publish, subscribe) = match role {
+fn restored(core: &ServerCore, part: &Part, number: u16, wishes: &Wishes) {
+    let (publish, subscribe) = match part.role {
         Role::Inside { publish, subscribe, .. } => (publish, subscribe),
         _ => (true, true),
     };
-    for name in wishes.own.iter().filter(|_| publish) {
+    for name in wishes.own.iter().filter(|_| publish && !part.vanished) {
         let owner = core.channels().find(|(channel, _)| channel.name.as_str() == name);
         let owner = owner.map(|(channel, _)| channel.owner.wire());
         if owner.is_none() || owner != wishes.connection {

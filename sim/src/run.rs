@@ -79,6 +79,10 @@ pub(crate) struct Part {
     /// Its process, if it runs and is not the hub's.
     pub(crate) node: Option<Node>,
     pub(crate) actor: Option<Actor>,
+    /// A life of it ended without a word. The hub takes that one for alive until it has been silent for long enough,
+    /// and refuses the next one the names of its channels: satellites do not ask again, and sessions are not there
+    /// yet.
+    pub(crate) vanished: bool,
     /// Of one inside the hub, on a thread of its own.
     thread: Option<(SkThread, Remote<Member>)>,
 }
@@ -99,7 +103,10 @@ impl<'a> Run<'a> {
                 Role::Hub | Role::Inside { .. } => simulation.world().clone(),
                 _ => simulation.world().machine(),
             };
-            (number, Part { role, life: 0, machine, node: None, actor: None, thread: None })
+            (
+                number,
+                Part { role, life: 0, machine, node: None, actor: None, vanished: false, thread: None },
+            )
         });
         let parts = parts.collect();
         Run { script, simulation, chances, parts }
@@ -288,6 +295,7 @@ impl<'a> Run<'a> {
         let Some(node) = part.node.take() else { return };
         part.actor = None;
         part.life += 1;
+        part.vanished |= matches!(death, Some(Death::Vanished | Death::PowerCut));
         part.machine = match death {
             Some(death) => node.die(death, &mut self.chances),
             None => node.quit(),

@@ -30,11 +30,16 @@
 //! ```
 
 mod node;
+mod planted;
 mod scheduler;
 mod trace;
 
 pub use crate::sys::heap::CountingAllocator;
 pub use node::Node;
+pub use planted::Bug;
+#[cfg(feature = "planted-bugs")]
+pub use planted::plant;
+pub(crate) use planted::is_planted;
 pub(crate) use scheduler::Scheduler;
 pub(crate) use trace::Trace;
 
