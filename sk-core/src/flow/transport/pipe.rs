@@ -3,18 +3,22 @@
 //! The hub and a module may share a loop or sit on two threads. Either way frames are taken in step 4 of a
 //! round, like socket input, and never by a direct call.
 
+use super::link::{Core, Link, Turn};
 use crate::Cx;
 use crate::flow::Encoded;
 use crate::thread::{Mailbox, Message};
-use crate::world::{SimulatedBell, Token};
+use crate::world::{Readiness, SimulatedBell, Token};
 use crossbeam_channel::{Receiver, Sender, TryRecvError, TrySendError};
 use sk_flat::Instant;
 use std::cell::RefCell;
+use std::io;
 use std::sync::atomic::{AtomicBool, Ordering, fence};
 use std::sync::{Arc, OnceLock};
 
 /// How many frames wait in each direction.
 const FRAMES_WAITING_MAX: usize = 256;
+/// Frames taken from a pipe in one turn.
+const TURN_FRAMES_MAX: usize = 64;
 
 /// How to make one end look at its queue.
 struct Bell {
@@ -90,7 +94,7 @@ pub(crate) struct PipeEnd {
 pub struct PipeSeed(PipeEnd);
 
 /// What [`PipeEnd::take`] found.
-pub(crate) enum Taken {
+enum Taken {
     Frame(Encoded),
     Nothing,
     Closed,
@@ -130,13 +134,13 @@ impl PipeEnd {
     }
 
     /// To be called when the source is served, before frames are taken.
-    pub(crate) fn heard(&self) {
+    fn heard(&self) {
         self.mine.rung.store(false, Ordering::Relaxed);
         fence(Ordering::SeqCst);
     }
 
     /// Sends a frame, or gives it back if there is no room: the source is served again when there is.
-    pub(crate) fn send(&self, cx: &mut Cx, frame: Encoded) -> Result<(), Option<Encoded>> {
+    fn send(&self, cx: &mut Cx, frame: Encoded) -> Result<(), Option<Encoded>> {
         let Some(sender) = &self.sender else { return Err(None) };
         match sender.try_send((self.other.arrival(cx), frame)) {
             Ok(()) => {
@@ -152,7 +156,7 @@ impl PipeEnd {
         }
     }
 
-    pub(crate) fn take(&self, cx: &mut Cx) -> Taken {
+    fn take(&self, cx: &mut Cx) -> Taken {
         let Some(receiver) = &self.receiver else { return Taken::Closed };
         let taken = match self.ahead.take() {
             Some(sent) => Ok(sent),
@@ -174,6 +178,52 @@ impl PipeEnd {
             Err(TryRecvError::Disconnected) => Taken::Closed,
         }
     }
+}
+
+impl Link for PipeEnd {
+    /// A pipe has one bell for both directions.
+    fn may_write(&self, _readiness: Readiness) -> bool {
+        true
+    }
+
+    fn connected(&mut self) -> io::Result<bool> {
+        Ok(true)
+    }
+
+    fn read(&mut self, cx: &mut Cx, core: &mut dyn Core, _room: &mut [u8]) -> Turn {
+        self.heard();
+        for _ in 0..TURN_FRAMES_MAX {
+            if !core.wants_input() {
+                return Turn::Held;
+            }
+            match self.take(cx) {
+                Taken::Frame(frame) => {
+                    if core.frame(frame).is_err() {
+                        return Turn::Over;
+                    }
+                }
+                Taken::Nothing => return Turn::Done,
+                Taken::Closed => return Turn::Over,
+            }
+        }
+        Turn::More
+    }
+
+    fn write(&mut self, cx: &mut Cx, core: &mut dyn Core) -> Turn {
+        while let Some(frame) = core.put_back_first().or_else(|| core.take()) {
+            match self.send(cx, frame) {
+                Ok(()) => {}
+                Err(Some(frame)) => {
+                    core.put_back(frame);
+                    return Turn::Done;
+                }
+                Err(None) => return Turn::Over,
+            }
+        }
+        Turn::Done
+    }
+
+    fn close(self: Box<Self>, _cx: &mut Cx) {}
 }
 
 impl Drop for PipeEnd {
