@@ -34,6 +34,8 @@ pub enum Rule {
     Honest,
     /// Nothing panics.
     Panic,
+    /// No loop goes round and round while time stands still.
+    Livelock,
     /// A hub that is asked to end ends.
     Ended,
 }

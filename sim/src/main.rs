@@ -1,6 +1,9 @@
 //! Runs seeds or scripts of the network in a box; `cargo xtask sim` builds and starts it, one process for each core.
 #![forbid(unsafe_code)]
 
+#[cfg(feature = "planted-bugs")]
+mod proof;
+
 use clap::Parser;
 use sk_sim::run::{Outcome, run};
 use sk_sim::script::Script;
@@ -40,6 +43,10 @@ struct Arguments {
     /// Run this script instead of seeds.
     #[arg(long)]
     replay: Option<PathBuf>,
+    /// Switch on a bug that is planted in the code, to see it found; `all` tries each.
+    #[cfg(feature = "planted-bugs")]
+    #[arg(long, value_name = "NAME")]
+    planted: Option<String>,
     /// Do not shrink what fails.
     #[arg(long)]
     no_shrink: bool,
@@ -51,6 +58,10 @@ struct Arguments {
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
     log::listen();
+    #[cfg(feature = "planted-bugs")]
+    if let Some(name) = &arguments.planted {
+        return proof::find(name, arguments.from, arguments.seeds);
+    }
     match &arguments.replay {
         Some(file) => replay(file),
         None if arguments.show => show(&generate::script(arguments.from)),

@@ -12,7 +12,9 @@ use sk_core::flow::{Right, Rights, SkFlowSat, SkFlowServer};
 use sk_core::prelude::*;
 use sk_core::testing::{Node, Simulation, USER_ID};
 use sk_core::world::{Clock, Death, LinkFaults, SimulatedRng, SimulatedWorld};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// The stream of what the runner itself leaves to chance.
 const CHANCES_STREAM: u64 = 1 << 48;
@@ -27,8 +29,10 @@ const CALM: Duration = Duration::from_secs(16);
 const REAPING: Duration = Duration::from_secs(8);
 /// How long a hub has to end.
 const ENDING: Duration = Duration::from_secs(4);
-/// Identifiers of channels, so few that they are used again.
-const CHANNEL_IDS: std::ops::Range<u16> = 1024..1048;
+/// The first identifier of a channel that a flow may have.
+const CHANNEL_ID_FIRST: u16 = 1024;
+/// Channels that somebody who vanished may still hold.
+const CHANNELS_OF_A_GHOST: u16 = 3;
 
 /// What became of a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -50,7 +54,13 @@ pub fn run(script: &Script) -> Outcome {
     ledger::begin();
     log::begin();
     let mut run = Run::new(script);
-    let complaint = run.play().err();
+    // What panics inside a loop is caught there and counted; this is for what panics around it.
+    let played = catch_unwind(AssertUnwindSafe(|| run.play()));
+    let complaint = played.unwrap_or_else(|_| {
+        let at = run.simulation.clock().now();
+        Err(Complaint { rule: Rule::Panic, text: log::last_panic(), at })
+    });
+    let complaint = complaint.err();
     let (published, heard, trace) =
         ledger::with(|ledger| (ledger.messages_published, ledger.messages_heard, ledger.trace()));
     Outcome {
@@ -167,8 +177,13 @@ impl<'a> Run<'a> {
     fn go_to(&mut self, until: Instant) -> Result<(), Complaint> {
         loop {
             let next = (self.simulation.clock().now() + CHECKS_EVERY).min(until);
-            self.simulation.run_until(next);
-            ledger::with(|ledger| ledger.now = next);
+            let went = self.simulation.run_until(next);
+            ledger::with(|ledger| {
+                ledger.now = next;
+                if let Err(livelock) = went {
+                    ledger.complain(Rule::Livelock, livelock.to_string());
+                }
+            });
             self.judge()?;
             if next == until {
                 return Ok(());
@@ -184,6 +199,7 @@ impl<'a> Run<'a> {
     // ---- who takes part ----
 
     fn start(&mut self, number: u16) {
+        let ids = self.channel_ids();
         let Some(part) = self.parts.get_mut(&number) else { return };
         if part.actor.is_some() || part.thread.is_some() {
             return;
@@ -199,13 +215,29 @@ impl<'a> Run<'a> {
             settings.interval = INTERVAL;
             settings.slow_interval = INTERVAL;
         });
-        let actor = node.with(|cx| start_actor(cx, who, role));
+        let actor = node.with(|cx| start_actor(cx, who, role, ids));
         part.node = Some(node);
         part.actor = actor;
         if role == Role::Hub {
             let insiders: Vec<u16> = self.insiders().collect();
             insiders.into_iter().for_each(|number| self.start(number));
         }
+    }
+
+    /// The identifiers of channels: just enough for all that are wanted at once, so that they are used again soon.
+    fn channel_ids(&self) -> Range<u16> {
+        let mut wanted = BTreeSet::new();
+        let mut ghosts = 0;
+        for Step { node, action, .. } in &self.script.steps {
+            match action {
+                Action::Open(channel) => _ = wanted.insert((*node, *channel)),
+                Action::Die(Death::Vanished | Death::PowerCut) | Action::Part(..) => ghosts += 1,
+                _ => {}
+            }
+        }
+        let count = wanted.len() as u16 + ghosts * CHANNELS_OF_A_GHOST;
+        // One for the undisturbed pair.
+        CHANNEL_ID_FIRST..CHANNEL_ID_FIRST + 1 + count
     }
 
     fn insiders(&self) -> impl Iterator<Item = u16> + '_ {
@@ -488,9 +520,9 @@ impl HubEnd {
 
 object! { HubEnd { slots { quit() } } }
 
-fn start_actor(cx: &mut Cx, who: Identity, role: Role) -> Option<Actor> {
+fn start_actor(cx: &mut Cx, who: Identity, role: Role, ids: Range<u16>) -> Option<Actor> {
     Some(match role {
-        Role::Hub => Actor::Hub(start_hub(cx)?),
+        Role::Hub => Actor::Hub(start_hub(cx, ids)?),
         Role::Satellite(way) => Actor::Member(start_member(cx, who, way)),
         Role::Listener => Actor::Member(start_member(cx, who, Way::Unix)),
         Role::Speaker => {
@@ -509,12 +541,12 @@ fn start_member(cx: &mut Cx, who: Identity, way: Way) -> Handle<Member> {
     Member::start(cx, who, hub)
 }
 
-fn start_hub(cx: &mut Cx) -> Option<Handle<SkFlowServer>> {
+fn start_hub(cx: &mut Cx, ids: Range<u16>) -> Option<Handle<SkFlowServer>> {
     let user = USER.parse().ok()?;
     let settings = Settings { user, token: Some(OwnerToken::new(TOKEN)), owner_uid: Some(USER_ID) };
     let server = SkFlowServer::start(cx, settings);
     // A server that was made just now is there and idle.
-    let _ = server.narrow_channel_ids(cx, CHANNEL_IDS);
+    let _ = server.narrow_channel_ids(cx, ids);
     for way in [Way::Tcp, Way::Unix] {
         if let Err(error) = server.listen(cx, &way.address()) {
             let text = format!("the hub cannot listen at {}: {error}", way.address());

@@ -255,12 +255,23 @@ impl Book {
         self.counts.dropped[DropReason::Aborted as usize] += u64::from(!is_planted(Bug::AbortUnbooked));
     }
 
+    fn next_waiting(&mut self) -> Option<Outgoing> {
+        if is_planted(Bug::NewestFirst) {
+            return self.waiting.pop_back();
+        }
+        let message = self.waiting.pop_front()?;
+        if is_planted(Bug::SentTwice) && message.message % 8 == 7 {
+            self.offer(&Outgoing { message: message.message + 1, ..message.clone() }, usize::MAX);
+        }
+        Some(message)
+    }
+
     /// The next `data` frame with a payload of at most `payload_max`, and whether it ends its message.
     /// Fragments that are longer than this subscriber takes are cut again.
     pub fn next_frame(&mut self, payload_max: usize) -> Option<(Encoded, bool)> {
         let mut begun = match self.begun.take() {
             Some(begun) => begun,
-            None => Begun { message: self.waiting.pop_front()?, fragment: 0, offset: 0 },
+            None => Begun { message: self.next_waiting()?, fragment: 0, offset: 0 },
         };
         let Outgoing { channel, message, charge, ref fragments } = begun.message;
         let fragment = &fragments[begun.fragment];

@@ -18,7 +18,7 @@ pub enum Bug {
     StuckPeerBlocks,
     /// The last of the waiting messages goes first.
     NewestFirst,
-    /// A message that was handed out waits on, and is sent again.
+    /// Some messages are offered a second time when they go out.
     SentTwice,
     /// Publishing on a channel that has just gone is taken for dishonest.
     RaceIsSpurious,
@@ -26,7 +26,7 @@ pub enum Bug {
     SubscriptionsForgotten,
     /// A connection whose peer has vanished is kept.
     SilenceForgiven,
-    /// A message that is cut for a second time loses a byte.
+    /// A fragment of a message that came in several loses a byte.
     ByteLost,
     /// A hub panics at a command that it refuses.
     PanicAtRefusal,
