@@ -124,7 +124,8 @@ fn restored(core: &ServerCore, part: &Part, number: u16, wishes: &Wishes) {
         Role::Inside { publish, subscribe, .. } => (publish, subscribe),
         _ => (true, true),
     };
-    for name in wishes.own.iter().filter(|_| publish && !part.vanished) {
+    let excused = ledger::with(|ledger| ledger.refused.contains(&number));
+    for name in wishes.own.iter().filter(|_| publish && !excused) {
         let owner = core.channels().find(|(channel, _)| channel.name.as_str() == name);
         let owner = owner.map(|(channel, _)| channel.owner.wire());
         if owner.is_none() || owner != wishes.connection {

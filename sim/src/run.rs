@@ -31,8 +31,9 @@ const REAPING: Duration = Duration::from_secs(8);
 const ENDING: Duration = Duration::from_secs(4);
 /// The first identifier of a channel that a flow may have.
 const CHANNEL_ID_FIRST: u16 = 1024;
-/// Channels that somebody who vanished may still hold.
-const CHANNELS_OF_A_GHOST: u16 = 3;
+
+/// Identifiers of channels in runs that have too few.
+const CHANNELS_OF_NARROW_RUNS: usize = 3;
 
 /// What became of a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -89,10 +90,6 @@ pub(crate) struct Part {
     /// Its process, if it runs and is not the hub's.
     pub(crate) node: Option<Node>,
     pub(crate) actor: Option<Actor>,
-    /// A life of it ended without a word. The hub takes that one for alive until it has been silent for long enough,
-    /// and refuses the next one the names of its channels: satellites do not ask again, and sessions are not there
-    /// yet.
-    pub(crate) vanished: bool,
     /// Of one inside the hub, on a thread of its own.
     thread: Option<(SkThread, Remote<Member>)>,
 }
@@ -113,10 +110,7 @@ impl<'a> Run<'a> {
                 Role::Hub | Role::Inside { .. } => simulation.world().clone(),
                 _ => simulation.world().machine(),
             };
-            (
-                number,
-                Part { role, life: 0, machine, node: None, actor: None, vanished: false, thread: None },
-            )
+            (number, Part { role, life: 0, machine, node: None, actor: None, thread: None })
         });
         let parts = parts.collect();
         Run { script, simulation, chances, parts }
@@ -140,7 +134,15 @@ impl<'a> Run<'a> {
 
     fn begin_ledger(&self) {
         let mut pair = (None, None);
+        // Of one that vanishes the hub keeps the channels until it has been silent for long enough. It refuses the next
+        // life their names, and maybe others their identifiers; satellites do not ask again, and sessions are not there
+        // yet.
+        let leaves_a_ghost = |step: &Step| {
+            matches!(step.action, Action::Die(Death::Vanished | Death::PowerCut) | Action::Part(..))
+        };
+        let ghosts = self.script.steps.iter().any(leaves_a_ghost);
         ledger::with(|ledger| {
+            ledger.ghosts = ghosts || self.is_narrow();
             for (number, part) in &self.parts {
                 match part.role {
                     Role::Listener => pair.0 = Some(*number),
@@ -224,18 +226,21 @@ impl<'a> Run<'a> {
         }
     }
 
+    /// In some runs there are fewer identifiers than channels that somebody wants, so that each is used again and again.
+    fn is_narrow(&self) -> bool {
+        self.script.seed.is_multiple_of(4)
+    }
+
     /// The identifiers of channels: just enough for all that are wanted at once, so that they are used again soon.
     fn channel_ids(&self) -> Range<u16> {
         let mut wanted = BTreeSet::new();
-        let mut ghosts = 0;
         for Step { node, action, .. } in &self.script.steps {
-            match action {
-                Action::Open(channel) => _ = wanted.insert((*node, *channel)),
-                Action::Die(Death::Vanished | Death::PowerCut) | Action::Part(..) => ghosts += 1,
-                _ => {}
+            if let Action::Open(channel) = action {
+                wanted.insert((*node, *channel));
             }
         }
-        let count = wanted.len() as u16 + ghosts * CHANNELS_OF_A_GHOST;
+        let most = if self.is_narrow() { CHANNELS_OF_NARROW_RUNS } else { usize::MAX };
+        let count = wanted.len().min(most) as u16;
         // One for the undisturbed pair.
         CHANNEL_ID_FIRST..CHANNEL_ID_FIRST + 1 + count
     }
@@ -327,7 +332,6 @@ impl<'a> Run<'a> {
         let Some(node) = part.node.take() else { return };
         part.actor = None;
         part.life += 1;
-        part.vanished |= matches!(death, Some(Death::Vanished | Death::PowerCut));
         part.machine = match death {
             Some(death) => node.die(death, &mut self.chances),
             None => node.quit(),

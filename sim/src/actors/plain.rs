@@ -256,8 +256,8 @@ impl Plain {
                         ledger.was_heard(who, connection, (name, channel), &payload);
                     });
                 }
-                SatelliteEvent::Refused { code, .. } => {
-                    ledger::with(|ledger| ledger.note(&[7, self.who.node.into(), code.into()]));
+                SatelliteEvent::Refused { text, .. } => {
+                    ledger::with(|ledger| ledger.was_refused(self.who.node, &text));
                 }
                 _ => {}
             }
