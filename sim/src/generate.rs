@@ -65,7 +65,7 @@ impl Draw {
     }
 
     fn one_in(&mut self, count: u64) -> bool {
-        self.rng.next_u64() % count == 0
+        self.rng.next_u64().is_multiple_of(count)
     }
 
     fn way(&mut self) -> Way {
