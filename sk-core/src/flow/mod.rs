@@ -13,6 +13,7 @@
 
 pub mod channel;
 pub mod codec;
+pub mod database;
 pub mod definition;
 pub mod delivery;
 pub mod error;
