@@ -1,15 +1,16 @@
 //! The project's own commands, run as `cargo xtask COMMAND`.
 //!
 //! `test` is the whole gate, the same on a contributor's machine and in continuous integration; `tidy` is
-//! the part of it that checks the rules of this tree which no compiler knows. `bench-peers` prepares what the
-//! benches are compared with, `bench-report` runs them and writes the page on performance. `schema` writes the JSON
-//! Schema of the hub's configuration.
+//! the part of it that checks the rules of this tree which no compiler knows; `sim` runs seeds of the network in
+//! a box. `bench-peers` prepares what the benches are compared with, `bench-report` runs them and writes the page
+//! on performance. `schema` writes the JSON Schema of the hub's configuration.
 #![forbid(unsafe_code)]
 
 mod peers;
 mod process;
 mod report;
 mod schema;
+mod sim;
 mod test;
 mod tidy;
 mod workspace;
@@ -32,6 +33,8 @@ enum Command {
     Tidy,
     /// Writes the JSON Schema of the hub's configuration anew.
     Schema,
+    /// Runs seeds of the network in a box.
+    Sim(sim::Options),
     /// Installs and builds what the benches are compared with.
     BenchPeers,
     /// Runs every bench and writes the page on performance.
@@ -42,6 +45,7 @@ fn main() -> ExitCode {
     let outcome = match Arguments::parse().command {
         Command::Test(options) => test::run(&options),
         Command::Schema => schema::run(),
+        Command::Sim(options) => sim::run(&options),
         Command::BenchPeers => peers::run(),
         Command::BenchReport(options) => report::run(&options),
         Command::Tidy => tidy::run().map(|summary| println!("tidy: {summary}")),

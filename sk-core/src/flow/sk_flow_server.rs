@@ -12,6 +12,7 @@ use crate::net::Door;
 use crate::net::http::HttpServer;
 use crate::object::{Access, Handle, ObjectId};
 use crate::signal::Signal;
+use crate::testing::{Bug, is_planted};
 use crate::world::{Endpoint, Readiness, Stream, Token};
 use crate::{Cx, attach};
 use rustc_hash::FxHashMap;
@@ -352,7 +353,13 @@ impl SkFlowServer {
         let mut tokens = std::mem::take(&mut self.flushing);
         tokens.append(&mut self.unfinished);
         tokens.extend(self.core.take_dirty().filter_map(|id| self.tokens.get(&id)));
+        // Only a planted bug lets anybody wait behind another.
+        let mut behind = Vec::new();
         for token in tokens.drain(..) {
+            if !behind.is_empty() {
+                behind.push(token);
+                continue;
+            }
             let Some(served) = self.links.get_mut(&token) else { continue };
             let id = served.connection;
             let Some(mut link) = served.link.take() else { continue };
@@ -367,7 +374,11 @@ impl SkFlowServer {
                 Turn::More => self.unfinished.push(token),
                 Turn::Done | Turn::Held => {}
             }
+            if is_planted(Bug::StuckPeerBlocks) && self.core.has_output(id) {
+                behind.push(token);
+            }
         }
+        tokens.append(&mut behind);
         self.flushing = tokens;
         if self.ending == Some(Ending::Flush) {
             // Those who read have been given all that was queued.

@@ -4,6 +4,7 @@ mod benches;
 pub(crate) mod examples;
 mod features;
 mod fuzz;
+mod sim;
 mod size;
 mod suites;
 mod tools;
@@ -23,6 +24,9 @@ pub(crate) struct Options {
     /// How long each fuzz target runs.
     #[arg(long, default_value_t = 10, value_name = "SECONDS")]
     fuzz_seconds: u64,
+    /// How long seeds of the network in a box are run.
+    #[arg(long, default_value_t = 20, value_name = "SECONDS")]
+    sim_seconds: u64,
 }
 
 /// What the steps share.
@@ -50,6 +54,7 @@ const STEPS: &[Step] = &[
     ("doc tests: every example in the documentation", suites::documentation),
     ("examples: each is built and run", examples::build_and_run),
     ("benches: each runs once with the least work", benches::smoke_runs),
+    ("sim: seeds of the network in a box", sim::short_run),
     ("fuzz: a short run of each target", fuzz::short_runs),
     ("release: the program is built and small enough", size::build_and_weigh),
 ];

@@ -11,6 +11,7 @@ use super::super::{
 };
 use super::connection::Incoming;
 use super::{ConnectionId, Notice, ServerCore, Subscriber, Subscribers, owning_flow};
+use crate::testing::{Bug, is_planted};
 use sk_flat::Name;
 
 /// What a subscriber wishes for.
@@ -257,7 +258,9 @@ impl ServerCore {
         self.ended.add(&counts);
         let Some((known, subscribers)) = self.channels.get_mut(channel) else { return };
         let owner = known.owner;
-        subscribers.list.retain(|subscriber| subscriber.connection != id);
+        if !(is_planted(Bug::SubscriptionKept) && reason == DropReason::Gone) {
+            subscribers.list.retain(|subscriber| subscriber.connection != id);
+        }
         if subscribers.list.is_empty() {
             self.tell_owner(channel, owner, false);
         }

@@ -6,6 +6,7 @@ use super::super::limits::{
     CHECK_INTERVAL, DROPPED_REPORT_INTERVAL, FRAME_TIME_MAX, LOGIN_TIME_MAX, PING_AFTER, SILENCE_MAX,
 };
 use super::{ConnectionId, Ending, Origin, ServerCore, is_waiting};
+use crate::testing::{Bug, is_planted};
 use sk_flat::Instant;
 use std::collections::BTreeMap;
 
@@ -54,7 +55,7 @@ impl ServerCore {
             connection.heard = connection.heard.max(connection.taken);
         }
         let silence = now.since(connection.heard);
-        if late_login || late_frame || silence >= SILENCE_MAX {
+        if late_login || late_frame || silence >= SILENCE_MAX && !is_planted(Bug::SilenceForgiven) {
             return self.close(id, ClosingReason::Silent);
         }
         let asks =

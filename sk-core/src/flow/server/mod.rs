@@ -43,6 +43,7 @@ use super::limits::{
 use super::login::{Nonce, OwnerToken};
 use super::wire::Slices;
 use super::{ChannelRef, Event, Message, State};
+use crate::testing::{Bug, is_planted};
 use connection::{Connection, Connections};
 use notice::LogLimit;
 use requests::Requests;
@@ -334,6 +335,7 @@ impl ServerCore {
     }
 
     fn refuse(&mut self, id: ConnectionId, tag: u32, code: RefusalCode) {
+        assert!(!is_planted(Bug::PanicAtRefusal), "a bug was planted here");
         self.answer(id, tag, &Event::Refused { code: code.code(), text: code.to_string() });
     }
 
