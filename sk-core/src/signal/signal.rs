@@ -128,7 +128,7 @@ impl<A: ?Sized + ToOwned + 'static> Links<A> {
         }
         cx.depth = depth + 1;
         let mut rest = Rest(self.as_slice().iter());
-        while let Some(link) = rest.0.next() {
+        for link in rest.0.by_ref() {
             match &link.kind {
                 Kind::Direct(call) => call_direct(call, cx, args),
                 _ => link.emit_kept(cx, args),
@@ -151,7 +151,7 @@ impl<A: ?Sized + ToOwned + 'static> Links<A> {
         }
         cx.depth += 1;
         let mut rest = Rest(self.as_slice().iter());
-        while let Some(link) = rest.0.next() {
+        for link in rest.0.by_ref() {
             if matches!(link.kind, Kind::Remote(_)) {
                 link.emit_kept(cx, args);
             } else {
