@@ -152,7 +152,8 @@ fn page(machine: &[(&'static str, String)], outcomes: &[(Part, Outcome)]) -> Str
          do not edit it by hand.\n\nEvery side of every run is a process of its own, and the sides take turns. \
          A figure is the median over the runs, with the lowest and the highest beside it. The ratio is our \
          median divided by the peer's: below 1 ours is smaller. The 99.9th percentile and the maximum of a tick \
-         belong to the host when the machine is a virtual one.\n\n| measured on | |\n|---|---|\n",
+         belong to the host when the machine is a virtual one.\n\nWhat the hot paths cost part by part, \
+         counted in instructions, stands in [profiles](performance/profiles.md).\n\n| measured on | |\n|---|---|\n",
     );
     for (what, value) in machine.iter().filter(|(_, value)| !value.is_empty()) {
         // Writing to a string does not fail.

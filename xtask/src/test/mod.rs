@@ -18,7 +18,7 @@ use std::time::Instant;
 /// How the gate is run.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// Leave out the slow parts: the fuzz targets and the look at what we build on.
+    /// Leave out the slow parts: the fuzz targets, the counting of instructions and the look at what we build on.
     #[arg(long)]
     quick: bool,
     /// How long each fuzz target runs.
@@ -55,6 +55,7 @@ const STEPS: &[Step] = &[
     ("examples: each is built and run", examples::build_and_run),
     ("benches: each runs once with the least work", benches::smoke_runs),
     ("sim: seeds of the network in a box", sim::short_run),
+    ("instructions: the hot paths take no more than their limits", benches::count_instructions),
     ("fuzz: a short run of each target", fuzz::short_runs),
     ("release: the program is built and small enough", size::build_and_weigh),
 ];
