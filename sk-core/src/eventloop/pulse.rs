@@ -43,7 +43,11 @@ struct Laps {
 impl Cx {
     /// One round after its wait: steps 2 to 10. `due`: when the wait should have ended, where it promised to.
     pub(crate) fn round(&mut self, tick: bool, due: Option<Instant>) {
-        let began = self.world.clock.now();
+        self.round_from(self.world.clock.now(), tick, due);
+    }
+
+    /// As `round`, after a wait that has read the clock at its end.
+    pub(crate) fn round_from(&mut self, began: Instant, tick: bool, due: Option<Instant>) {
         self.in_round = true;
         self.pulse.round += 1;
         self.pulse.now = began;

@@ -5,6 +5,7 @@ mod endpoint;
 mod real;
 mod real_socket;
 mod real_token;
+mod real_waker;
 mod sim_socket;
 mod simulated;
 mod socket_file;
