@@ -19,7 +19,7 @@ const REALTIME_RUN_MAX: Duration = Duration::from_millis(500);
 /// How often a spinning loop looks into its inbox: a look takes the cache lines that a sender is writing.
 const LOOK_EVERY: Duration = Duration::from_micros(2);
 /// From here to the deadline nothing is done but looking at the clock.
-const LAST_STRETCH: Duration = Duration::from_micros(1);
+const LAST_STRETCH: Duration = Duration::from_nanos(500);
 /// How often a loop that does not sleep in a poll looks for POSIX signals.
 const OS_SIGNALS_EVERY: Duration = Duration::from_millis(50);
 
@@ -190,6 +190,7 @@ impl Cx {
             if now + LAST_STRETCH < due {
                 if look_at <= now {
                     self.take_messages();
+                    self.rehearse_tick();
                     look_at = now + LOOK_EVERY;
                 }
                 std::hint::spin_loop();
