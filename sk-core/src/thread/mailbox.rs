@@ -45,12 +45,18 @@ pub(crate) struct Mailbox {
     messages_max: usize,
     closed: AtomicBool,
     waker: Arc<dyn Wake>,
+    both: Apart<Both>,
+    senders: Apart<Senders>,
+}
+
+/// What the loop and its senders write. One who wakes the loop needs both, and both come with one line.
+#[derive(Default)]
+struct Both {
     /// Messages that were not taken yet, and calls in the rings of crossings that have not run yet. For a moment
     /// it may be too low: a call can have run before its sender has counted it.
-    waiting: Apart<AtomicIsize>,
+    waiting: AtomicIsize,
     /// The loop is about to sleep, or sleeps, in a wait that only the waker ends.
-    asleep: Apart<AtomicBool>,
-    senders: Apart<Senders>,
+    asleep: AtomicBool,
 }
 
 /// What senders write and the loop seldom looks at.
@@ -80,8 +86,7 @@ impl Mailbox {
             messages_max,
             closed: AtomicBool::new(false),
             waker,
-            waiting: Apart::default(),
-            asleep: Apart::default(),
+            both: Apart::default(),
             senders: Apart(Senders {
                 last: AtomicU64::new(NOBODY),
                 promised: AtomicUsize::new(0),
@@ -150,7 +155,7 @@ impl Mailbox {
     /// this count. In the one order of all these accesses one of the two sees the other.
     #[inline]
     pub(crate) fn count(&self) {
-        self.waiting.0.fetch_add(1, Ordering::SeqCst);
+        self.both.0.waiting.fetch_add(1, Ordering::SeqCst);
     }
 
     /// Puts in the token of a run of calls, the first of which is in its ring and counted.
@@ -165,7 +170,7 @@ impl Mailbox {
         // The loop sets `asleep` and then looks for messages; here a message is put in and then `asleep`
         // is looked at. The fences make sure that one of the two sees the other.
         fence(Ordering::SeqCst);
-        if self.asleep.0.load(Ordering::Relaxed) && self.asleep.0.swap(false, Ordering::AcqRel) {
+        if self.both.0.asleep.load(Ordering::Relaxed) && self.both.0.asleep.swap(false, Ordering::AcqRel) {
             self.waker.wake();
         }
         Ok(())
@@ -181,7 +186,7 @@ impl Mailbox {
     }
 
     pub(crate) fn waiting(&self) -> usize {
-        usize::try_from(self.waiting.0.load(Ordering::Relaxed)).unwrap_or(0)
+        usize::try_from(self.both.0.waiting.load(Ordering::Relaxed)).unwrap_or(0)
     }
 
     /// A sender has counted its message and not put it in yet.
@@ -192,7 +197,7 @@ impl Mailbox {
 
     #[cfg(test)]
     pub(crate) fn put_in_announced(&self, message: Message) {
-        self.waiting.0.fetch_sub(1, Ordering::Relaxed);
+        self.both.0.waiting.fetch_sub(1, Ordering::Relaxed);
         self.post_anyway(message).unwrap_or_else(|error| panic!("{error}"));
     }
 
@@ -246,8 +251,9 @@ impl Inbox {
     pub(crate) fn count_off(&self, done: usize) {
         if done > 0 {
             self.mailbox
-                .waiting
+                .both
                 .0
+                .waiting
                 .fetch_sub(isize::try_from(done).unwrap_or(isize::MAX), Ordering::Relaxed);
         }
     }
@@ -255,7 +261,7 @@ impl Inbox {
     /// After a run was marked as taken: whatever its sender has put into the ring without seeing the mark, and
     /// without a token of its own, is visible from here on.
     pub(crate) fn see_what_was_counted(&self) {
-        self.mailbox.waiting.0.load(Ordering::SeqCst);
+        self.mailbox.both.0.waiting.load(Ordering::SeqCst);
     }
 
     /// Whether a message can be taken. A sender that was interrupted between counting its message and
@@ -266,7 +272,7 @@ impl Inbox {
 
     /// Says that the loop is about to sleep; `false` if a message is there, or about to be, and it must not.
     pub(crate) fn fall_asleep(&self) -> bool {
-        self.mailbox.asleep.0.store(true, Ordering::Relaxed);
+        self.mailbox.both.0.asleep.store(true, Ordering::Relaxed);
         fence(Ordering::SeqCst);
         if self.mailbox.waiting() == 0 && self.receiver.is_empty() {
             return true;
@@ -276,7 +282,7 @@ impl Inbox {
     }
 
     pub(crate) fn wake_up(&self) {
-        self.mailbox.asleep.0.store(false, Ordering::Relaxed);
+        self.mailbox.both.0.asleep.store(false, Ordering::Relaxed);
     }
 
     /// Nothing is taken in any more.
