@@ -6,7 +6,7 @@ use sk_core::flow::frame::FrameBuffer;
 use sk_core::flow::limits::{MAGIC, VERSION, VERSION_OLDEST};
 use sk_core::flow::satellite::{Credentials, SatelliteCore};
 use sk_core::flow::server::{Notice, Origin, ServerCore, Settings};
-use sk_core::flow::{Command, Event, Flags, Message, State};
+use sk_core::flow::{Command, Event, Flags, Form, Message, State};
 use sk_flat::Instant;
 
 const UID: u32 = 1000;
@@ -37,7 +37,11 @@ fn a_hub_stands(far: usize, bytes: &[u8]) {
     let (version, version_oldest) = (VERSION, VERSION_OLDEST);
     let hello =
         Command::Hello { magic: MAGIC, version, version_oldest, fragment_bytes, message_bytes, nonce };
-    let way = [hello, Command::LoginPeer {}, Command::SetAsync {}];
+    let way = [
+        hello,
+        Command::LoginPeer {},
+        Command::SetAsync { name: String::new(), session: [0; 16], form: Form::Binary },
+    ];
     let [witness, peer] = [way.len(), far].map(|steps| {
         let id = hub.open(Origin::Unix { uid: UID }, [1; 32], Instant::ZERO).expect("a place");
         for command in &way[..steps] {

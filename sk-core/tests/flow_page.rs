@@ -6,11 +6,12 @@ use sk_core::flow::definition::Direction;
 use sk_core::flow::delivery::DropReason;
 use sk_core::flow::limits::*;
 use sk_core::flow::login::{NO_PROOF, OwnerToken};
+use sk_core::flow::table::samples::{self, CHANNEL, CLIENT_NONCE, HUB_NONCE};
 use sk_core::flow::{
-    ChannelRef, ClosingReason, Command, Definition, Event, Flags, Header, Message, Properties, RefusalCode,
-    Right,
+    ChannelKind, ClosingReason, Command, Definition, Event, Flags, Form, Header, Message, Policy,
+    RefusalCode, Right, Value,
 };
-use sk_flat::{SkVariant, channel_hash};
+use sk_flat::SkVariant;
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::fs;
@@ -69,6 +70,16 @@ fn generated() -> String {
         "Drop reasons",
         DropReason::ALL.iter().map(|(code, name, text)| (*code as u16, *name, *text)),
     );
+    numbers(
+        &mut out,
+        "Kinds of channel",
+        ChannelKind::ALL.iter().map(|(kind, name, text)| (*kind as u16, *name, *text)),
+    );
+    numbers(
+        &mut out,
+        "Policies",
+        Policy::ALL.iter().map(|(policy, name, text)| (*policy as u16, *name, *text)),
+    );
     out.push_str("\n### Limits\n\n| limit | value |\n|---|---|\n");
     for (name, value) in limits() {
         let _ = writeln!(out, "| {name} | {value} |");
@@ -121,13 +132,20 @@ fn limits() -> Vec<(&'static str, String)> {
         ("message, largest and default", bytes(MESSAGE_BYTES_MAX)),
         ("unfinished messages of one connection together", bytes(UNFINISHED_BYTES_MAX)),
         ("string", bytes(TEXT_BYTES_MAX)),
-        ("properties, encoded", bytes(PROPERTIES_BYTES_MAX)),
+        ("path", bytes(PATH_BYTES_MAX)),
+        ("properties, as a variant", bytes(PROPERTIES_BYTES_MAX)),
+        ("properties, as JSON", bytes(PROPERTIES_JSON_BYTES_MAX)),
+        ("value of a variable, in either form", bytes(VALUE_BYTES_MAX)),
         ("channels of a hub", CHANNELS_MAX.to_string()),
         ("of them only for the hub, the lowest identifiers", CHANNELS_RESERVED_FOR_HUB.to_string()),
         ("channels of a flow", CHANNELS_PER_FLOW_MAX.to_string()),
         ("subscriptions of a flow", SUBSCRIPTIONS_PER_FLOW_MAX.to_string()),
         ("depth of a subscription, default", SUBSCRIPTION_DEPTH_DEFAULT.to_string()),
         ("depth of a subscription, largest", SUBSCRIPTION_DEPTH_MAX.to_string()),
+        ("open requests of one connection", REQUESTS_PER_ASKER_MAX.to_string()),
+        ("open requests to the services of one owner", REQUESTS_PER_OWNER_MAX.to_string()),
+        ("deadline of a request, default", format!("{DEADLINE_DEFAULT:?}")),
+        ("deadline of a request, largest", format!("{DEADLINE_MAX:?}")),
         ("waiting for one connection", bytes(CONNECTION_BYTES_MAX)),
         ("waiting control frames of one connection", bytes(CONTROL_BYTES_MAX)),
         ("from opening to login", format!("{LOGIN_TIME_MAX:?}")),
@@ -194,27 +212,28 @@ fn every_kind_has_a_vector_that_reads_back() {
     assert_eq!(seen, table);
 }
 
-const CHANNEL: ChannelRef = ChannelRef { id: 1024, epoch: 1 };
-const CLIENT_NONCE: [u8; 32] = [1; 32];
-const HUB_NONCE: [u8; 32] = [2; 32];
-
 fn token() -> OwnerToken {
     OwnerToken::new(std::array::from_fn(|index| index as u8))
 }
 
-fn properties() -> Properties {
-    Properties::new(&SkVariant::map([("unit", "m/s2".into()), ("rate", 100.0.into())])).expect("small")
-}
-
 fn vectors() -> Vec<(String, Vec<u8>)> {
     let mut vectors = Vec::new();
-    for (tag, command) in commands().into_iter().enumerate() {
-        add(&mut vectors, "command", tag as u32 + 1, Flags::NONE, &command);
+    let commands = samples::commands(token().client_proof(&CLIENT_NONCE, &HUB_NONCE)).expect("small");
+    for (tag, command) in commands.iter().enumerate() {
+        add(&mut vectors, "command", tag as u32 + 1, command);
     }
-    for event in events() {
-        add(&mut vectors, "event", 7, Flags::NONE, &event);
+    for event in samples::events(token().hub_proof(&CLIENT_NONCE, &HUB_NONCE)).expect("small") {
+        add(&mut vectors, "event", 7, &event);
     }
-    let payload = Bytes::from_static(b"pulse");
+    let json = |value: Value| value.in_form(Form::Json);
+    let set = Command::VarSet { key: "gain.p".into(), value: json(Value::new(&1.5.into()).expect("small")) };
+    vectors.push(("command.var_set.json".into(), set.encode(7, Flags::NONE).to_vec()));
+    let properties = samples::properties().expect("small").in_form(Form::Json);
+    let create = Command::CreateStream { name: "imu".into(), properties: properties.clone() };
+    vectors.push(("command.create_stream.json".into(), create.encode(7, Flags::NONE).to_vec()));
+    let changed = Event::HeaderChanged { channel: CHANNEL, properties };
+    vectors.push(("event.header_changed.json".into(), changed.encode(7, Flags::NONE).to_vec()));
+    let payload = Bytes::from_static(samples::PAYLOAD);
     for (name, flags) in fragments() {
         let payload = if flags == Flags::ABORT { Bytes::new() } else { payload.clone() };
         let publish = Command::Publish { channel: CHANNEL, message: 9, payload: payload.clone() };
@@ -245,8 +264,11 @@ fn vectors() -> Vec<(String, Vec<u8>)> {
     vectors
 }
 
-fn add<M: Message>(vectors: &mut Vec<(String, Vec<u8>)>, side: &str, tag: u32, flags: Flags, message: &M) {
-    vectors.push((format!("{side}.{}", message.definition().name), message.encode(tag, flags).to_vec()));
+/// Kinds that travel in fragments stand here as a message of one.
+fn add<M: Message>(vectors: &mut Vec<(String, Vec<u8>)>, side: &str, tag: u32, message: &M) {
+    let line = message.definition();
+    let flags = if line.fragment { Flags::WHOLE } else { Flags::NONE };
+    vectors.push((format!("{side}.{}", line.name), message.encode(tag, flags).to_vec()));
 }
 
 fn fragments() -> [(&'static str, Flags); 5] {
@@ -256,49 +278,6 @@ fn fragments() -> [(&'static str, Flags); 5] {
         ("middle", Flags::NONE),
         ("last", Flags::LAST),
         ("abort", Flags::ABORT),
-    ]
-}
-
-fn commands() -> Vec<Command> {
-    let (fragment_bytes, message_bytes) = (FRAGMENT_BYTES_MAX as u32, MESSAGE_BYTES_MAX as u32);
-    let (version, version_oldest, nonce) = (1, 1, CLIENT_NONCE);
-    vec![
-        Command::Hello { magic: MAGIC, version, version_oldest, fragment_bytes, message_bytes, nonce },
-        Command::LoginToken { proof: token().client_proof(&CLIENT_NONCE, &HUB_NONCE) },
-        Command::LoginPeer {},
-        Command::Ping {},
-        Command::Pong {},
-        Command::SetAsync {},
-        Command::ListChannels {},
-        Command::CreateStream { name: "imu".into(), properties: properties() },
-        Command::RemoveChannel { channel: CHANNEL },
-        Command::Subscribe { channel: CHANNEL, depth: 64 },
-        Command::Unsubscribe { channel: CHANNEL },
-    ]
-}
-
-fn events() -> Vec<Event> {
-    let (fragment_bytes, message_bytes) = (FRAGMENT_BYTES_MAX as u32, MESSAGE_BYTES_MAX as u32);
-    let (connection, user, name) = (1 << 32, "robot".to_owned(), "robot.imu".to_owned());
-    let (channel, hash, owner) = (CHANNEL, channel_hash(&name), connection);
-    vec![
-        Event::Welcome { magic: MAGIC, version: 1, fragment_bytes, message_bytes, nonce: HUB_NONCE },
-        Event::LoggedIn {
-            connection,
-            user: user.clone(),
-            proof: token().hub_proof(&CLIENT_NONCE, &HUB_NONCE),
-        },
-        Event::Ping {},
-        Event::Pong {},
-        Event::FlowBegun { channels: 1 },
-        Event::ChannelListed { channel, hash, owner, name: name.clone(), properties: properties() },
-        Event::ListEnd { channels: 1 },
-        Event::ChannelAdded { channel, hash, owner, name, properties: properties() },
-        Event::ChannelRemoved { channel },
-        Event::StartPublishing { channel },
-        Event::StopPublishing { channel },
-        Event::Subscribed { channel },
-        Event::Unsubscribed { channel },
     ]
 }
 

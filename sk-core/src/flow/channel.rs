@@ -4,8 +4,9 @@ use super::codec::ChannelRef;
 use super::definition::Encoded;
 use super::error::RefusalCode;
 use super::frame::Flags;
+use super::kinds::ChannelKind;
 use super::limits::{CHANNELS_MAX, CHANNELS_RESERVED_FOR_HUB};
-use super::properties::Properties;
+use super::value::{Form, Properties};
 use super::{Event, Message};
 use sk_flat::Name;
 use std::collections::{BTreeMap, VecDeque};
@@ -34,6 +35,8 @@ impl Owner {
 pub struct Channel {
     /// Identifier and epoch.
     pub reference: ChannelRef,
+    /// What it is for.
+    pub kind: ChannelKind,
     /// The full name, `user.name`.
     pub name: Name,
     /// The hashID.
@@ -45,26 +48,28 @@ pub struct Channel {
 }
 
 impl Channel {
-    /// The event that tells of it.
-    pub fn added(&self, tag: u32) -> Encoded {
+    /// The event that tells of it, to a flow that wants values in this form.
+    pub fn added(&self, tag: u32, form: Form) -> Encoded {
         Event::ChannelAdded {
             channel: self.reference,
+            kind: self.kind,
             hash: self.hash,
             owner: self.owner.wire(),
             name: self.name.to_string(),
-            properties: self.properties.clone(),
+            properties: self.properties.clone().in_form(form),
         }
         .encode(tag, Flags::NONE)
     }
 
     /// The line of a list.
-    pub fn listed(&self, tag: u32) -> Encoded {
+    pub fn listed(&self, tag: u32, form: Form) -> Encoded {
         Event::ChannelListed {
             channel: self.reference,
+            kind: self.kind,
             hash: self.hash,
             owner: self.owner.wire(),
             name: self.name.to_string(),
-            properties: self.properties.clone(),
+            properties: self.properties.clone().in_form(form),
         }
         .encode(tag, Flags::NONE)
     }
@@ -77,14 +82,15 @@ impl Channel {
 ///
 /// ```
 /// use sk_core::flow::channel::{Owner, Registry};
-/// use sk_core::flow::{Properties, RefusalCode};
+/// use sk_core::flow::{ChannelKind, Properties, RefusalCode};
 /// use sk_flat::SkVariant;
 ///
 /// let none = Properties::new(&SkVariant::map([] as [(&str, SkVariant); 0]))?;
 /// let mut channels: Registry<()> = Registry::default();
-/// let imu = channels.add("robot.imu".parse()?, Owner::Flow(1), none.clone(), ()).expect("room");
+/// let stream = ChannelKind::Stream;
+/// let imu = channels.add("robot.imu".parse()?, stream, Owner::Flow(1), none.clone(), ()).expect("room");
 /// assert_eq!(channels.by_name("robot.imu").map(|(channel, _)| channel.reference), Some(imu));
-/// assert_eq!(channels.add("robot.imu".parse()?, Owner::Flow(2), none, ()), Err(RefusalCode::Exists));
+/// assert_eq!(channels.add("robot.imu".parse()?, stream, Owner::Flow(2), none, ()), Err(RefusalCode::Exists));
 /// channels.remove(imu);
 /// assert!(channels.get(imu).is_none(), "a stale reference finds nobody");
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -134,6 +140,12 @@ impl<T> Default for Registry<T> {
 }
 
 impl<T> Registry<T> {
+    /// Gives flows no other fresh identifiers than these; those that are reserved for the hub stay its own.
+    pub fn narrow(&mut self, ids: std::ops::Range<u16>) {
+        let (reserved, all) = (CHANNELS_RESERVED_FOR_HUB as u16, CHANNELS_MAX as u16);
+        self.for_flows.fresh = ids.start.max(reserved)..ids.end.min(all);
+    }
+
     /// Opens a channel under its full name.
     ///
     /// # Errors
@@ -141,6 +153,7 @@ impl<T> Registry<T> {
     pub fn add(
         &mut self,
         name: Name,
+        kind: ChannelKind,
         owner: Owner,
         properties: Properties,
         beside: T,
@@ -158,8 +171,10 @@ impl<T> Registry<T> {
         let slot = &mut self.slots[usize::from(id)];
         slot.epoch = slot.epoch.checked_add(1).unwrap_or(1);
         let reference = ChannelRef { id: id as i16, epoch: slot.epoch };
-        slot.open =
-            Some(Box::new((Channel { reference, name: name.clone(), hash, owner, properties }, beside)));
+        slot.open = Some(Box::new((
+            Channel { reference, kind, name: name.clone(), hash, owner, properties },
+            beside,
+        )));
         self.open += 1;
         self.names.insert(name, id);
         self.hashes.insert(hash, id);
@@ -242,7 +257,7 @@ mod tests {
     }
 
     fn add(channels: &mut Registry<()>, name: &str, owner: Owner) -> Result<ChannelRef, RefusalCode> {
-        channels.add(name.parse().expect("a name"), owner, no_properties(), ())
+        channels.add(name.parse().expect("a name"), ChannelKind::Stream, owner, no_properties(), ())
     }
 
     #[test]

@@ -3,8 +3,8 @@
 //! Everything is little-endian. Reading is strict: a field that does not fit its layout and bytes left
 //! over at the end are errors. Nothing is allocated from a length before that many bytes are there.
 
-use super::limits::{FRAGMENT_BYTES_MAX, PROPERTIES_BYTES_MAX, TEXT_BYTES_MAX};
-use super::properties::Properties;
+use super::limits::{FRAGMENT_BYTES_MAX, PATH_BYTES_MAX, TEXT_BYTES_MAX};
+use super::value::{Form, ValueOf};
 use bytes::{Buf, BufMut, Bytes, BytesMut};
 use std::fmt;
 use thiserror::Error;
@@ -32,9 +32,17 @@ pub enum CodecError {
     /// A string that is not UTF-8.
     #[error("a string that is not UTF-8")]
     NotUtf8,
-    /// Properties that are not one variant in the binary form.
-    #[error("properties that are not a variant")]
+    /// A value that is not one variant in the form it says.
+    #[error("a value that is not a variant in the form it says")]
     NotVariant,
+    /// A number that stands for nothing.
+    #[error("a {what} of number {number}, which does not exist")]
+    NoSuchChoice {
+        /// Type of the field.
+        what: &'static str,
+        /// The number.
+        number: u8,
+    },
 }
 
 /// Reads fields from the body of one frame, in order.
@@ -159,6 +167,7 @@ macro_rules! wire_arrays {
 
 wire_arrays! {
     8: "8 bytes";
+    16: "16 bytes";
     32: "32 bytes";
 }
 
@@ -167,21 +176,29 @@ impl Wire for String {
     const BYTES_MAX: usize = 2 + TEXT_BYTES_MAX;
 
     fn read(from: &mut Reader) -> Result<Self, CodecError> {
-        let length = usize::from(u16::read(from)?);
-        if length > TEXT_BYTES_MAX {
-            return Err(CodecError::TooLong { what: Self::NAME, length, max: TEXT_BYTES_MAX });
-        }
-        let bytes = from.take(length, Self::NAME)?;
-        std::str::from_utf8(&bytes).map(str::to_owned).map_err(|_| CodecError::NotUtf8)
+        read_text(from, Self::NAME, TEXT_BYTES_MAX)
     }
 
-    /// A string that is too long is cut before the character that crosses the limit. Names are checked
-    /// before they come here; this is for texts that people read.
     fn write(&self, into: &mut Writer) {
-        let text = &self[..self.floor_char_boundary(TEXT_BYTES_MAX)];
-        into.head.put_u16_le(text.len() as u16);
-        into.head.put_slice(text.as_bytes());
+        write_text(self, TEXT_BYTES_MAX, into);
     }
+}
+
+fn read_text(from: &mut Reader, what: &'static str, max: usize) -> Result<String, CodecError> {
+    let length = usize::from(u16::read(from)?);
+    if length > max {
+        return Err(CodecError::TooLong { what, length, max });
+    }
+    let bytes = from.take(length, what)?;
+    std::str::from_utf8(&bytes).map(str::to_owned).map_err(|_| CodecError::NotUtf8)
+}
+
+/// A text that is too long is cut before the character that crosses the limit. Names are checked before
+/// they come here; this is for texts that people read.
+fn write_text(text: &str, max: usize, into: &mut Writer) {
+    let text = &text[..text.floor_char_boundary(max)];
+    into.head.put_u16_le(text.len() as u16);
+    into.head.put_slice(text.as_bytes());
 }
 
 /// A reference to a channel on the wire: the identifier of the papers, and the epoch that tells two
@@ -214,23 +231,50 @@ impl Wire for ChannelRef {
     }
 }
 
-impl Wire for Properties {
-    const NAME: &'static str = "variant";
-    const BYTES_MAX: usize = 4 + PROPERTIES_BYTES_MAX;
+impl<const BYTES_MAX: usize, const JSON_BYTES_MAX: usize> Wire for ValueOf<BYTES_MAX, JSON_BYTES_MAX> {
+    const NAME: &'static str = "value";
+    const BYTES_MAX: usize = 1 + 4 + if BYTES_MAX > JSON_BYTES_MAX { BYTES_MAX } else { JSON_BYTES_MAX };
 
     fn read(from: &mut Reader) -> Result<Self, CodecError> {
-        let length = u32::read(from)?;
-        let length = usize::try_from(length).unwrap_or(usize::MAX);
-        if length > PROPERTIES_BYTES_MAX {
-            return Err(CodecError::TooLong { what: Self::NAME, length, max: PROPERTIES_BYTES_MAX });
+        let form = Form::read(from)?;
+        let max = if form == Form::Json { JSON_BYTES_MAX } else { BYTES_MAX };
+        let length = usize::try_from(u32::read(from)?).unwrap_or(usize::MAX);
+        if length > max {
+            return Err(CodecError::TooLong { what: Self::NAME, length, max });
         }
         let bytes = from.take(length, Self::NAME)?;
-        Properties::from_encoded(&bytes).map_err(|_| CodecError::NotVariant)
+        let value = match form {
+            Form::Binary => Self::from_encoded(&bytes),
+            Form::Json => std::str::from_utf8(&bytes)
+                .map_err(|_| CodecError::NotUtf8)
+                .map(Self::from_json)?,
+        };
+        value.map_err(|_| CodecError::NotVariant)
+    }
+
+    /// A value whose JSON is too long is written as null: who answers with one looks at `wire_bytes` first.
+    fn write(&self, into: &mut Writer) {
+        self.form().write(into);
+        let bytes = self.wire_bytes().unwrap_or_else(|_| Bytes::from_static(b"null"));
+        into.head.put_u32_le(bytes.len() as u32);
+        into.head.put_slice(&bytes);
+    }
+}
+
+/// A path on the wire: longer than other strings may be. What it may hold is checked where it is used.
+#[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Path(pub String);
+
+impl Wire for Path {
+    const NAME: &'static str = "path";
+    const BYTES_MAX: usize = 2 + PATH_BYTES_MAX;
+
+    fn read(from: &mut Reader) -> Result<Self, CodecError> {
+        read_text(from, Self::NAME, PATH_BYTES_MAX).map(Path)
     }
 
     fn write(&self, into: &mut Writer) {
-        into.head.put_u32_le(self.encoded().len() as u32);
-        into.head.put_slice(self.encoded());
+        write_text(&self.0, PATH_BYTES_MAX, into);
     }
 }
 
@@ -252,6 +296,7 @@ impl Wire for Payload {
 
 #[cfg(test)]
 mod tests {
+    use super::super::value::Properties;
     use super::*;
     use proptest::prelude::*;
 

@@ -54,39 +54,67 @@ impl fmt::Debug for States {
 }
 
 /// A right that an account may have. What a kind needs stands in the table; who has it is decided at
-/// login.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+/// login, and for names it applies to by pattern.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Right {
-    /// None: the kind serves the connection itself.
+    /// None: the kind serves the connection itself, or what it already owns.
     Nothing,
-    /// To see which channels there are.
+    /// To see which channels, users and databases there are, and how the hub fares.
     List,
-    /// To own channels and publish on them.
+    /// To own streaming and sync channels and publish on them.
     Publish,
     /// To receive what others publish.
     Subscribe,
-    /// To do what only the owner may, on anybody's channel and the hub's.
+    /// To own service channels and answer requests.
+    Serve,
+    /// To send requests to services.
+    Call,
+    /// To list and download what blob channels hold.
+    BlobRead,
+    /// To own blob channels and change what they hold.
+    BlobWrite,
+    /// To read databases.
+    DatabaseRead,
+    /// To create, change and remove databases.
+    DatabaseWrite,
+    /// To do what only the owner may, on anybody's channel and the hub's, and to change users.
     Administer,
+}
+
+impl Right {
+    /// All that can be given.
+    pub const ALL: [Right; 10] = [
+        Right::List,
+        Right::Publish,
+        Right::Subscribe,
+        Right::Serve,
+        Right::Call,
+        Right::BlobRead,
+        Right::BlobWrite,
+        Right::DatabaseRead,
+        Right::DatabaseWrite,
+        Right::Administer,
+    ];
 }
 
 /// The rights of an account.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Rights(u8);
+pub struct Rights(u16);
 
 impl Rights {
     /// None at all: a connection before its login.
     pub const NONE: Rights = Rights(0);
     /// All: the account that owns the hub.
-    pub const ALL: Rights = Rights(u8::MAX);
+    pub const ALL: Rights = Rights(u16::MAX);
 
     /// These rights and one more.
     pub const fn with(self, right: Right) -> Rights {
-        Rights(self.0 | 1 << right as u8)
+        Rights(self.0 | 1 << right as u16)
     }
 
     /// Whether `right` is among them. `Nothing` always is.
     pub const fn has(self, right: Right) -> bool {
-        matches!(right, Right::Nothing) || self.0 & 1 << right as u8 != 0
+        matches!(right, Right::Nothing) || self.0 & 1 << right as u16 != 0
     }
 }
 

@@ -80,16 +80,22 @@ pub enum DropReason {
     Aborted = 3,
     /// The hub ended.
     Shutdown = 4,
+    /// The subscriber's right to the channel was revoked.
+    Rights = 5,
+    /// The publisher went beyond its credit.
+    Credit = 6,
 }
 
 impl DropReason {
     /// All of them, in the order of their numbers, with what they mean.
-    pub const ALL: [(DropReason, &'static str, &'static str); 5] = [
+    pub const ALL: [(DropReason, &'static str, &'static str); 7] = [
         (DropReason::Full, "Full", "The connection had as many bytes waiting as it may."),
         (DropReason::NewestWins, "NewestWins", "A newer message took its place."),
         (DropReason::Gone, "Gone", "The subscription, its channel or its connection ended."),
         (DropReason::Aborted, "Aborted", "The publisher gave the message up."),
         (DropReason::Shutdown, "Shutdown", "The hub ended."),
+        (DropReason::Rights, "Rights", "The subscriber's right to the channel was revoked."),
+        (DropReason::Credit, "Credit", "The publisher went beyond its credit."),
     ];
 
     /// The meaning of a number on the wire, if this build knows it.
@@ -106,6 +112,8 @@ impl std::fmt::Display for DropReason {
             DropReason::Gone => "gone",
             DropReason::Aborted => "aborted",
             DropReason::Shutdown => "shutdown",
+            DropReason::Rights => "rights",
+            DropReason::Credit => "credit",
         })
     }
 }

@@ -132,10 +132,70 @@ codes! {
         TooManySubscriptions = 7,
         /// The hub has no free channel.
         NoFreeChannel = 8,
-        /// The unfinished messages of this connection hold as many bytes as they may.
+        /// The unfinished messages of a connection hold, or those that wait for it, as many bytes as they may.
         Full = 9,
         /// The properties are not a map.
         BadProperties = 10,
+        /// This hub does not offer that.
+        NotOffered = 11,
+        /// The channel is of another kind.
+        WrongKind = 12,
+        /// There is no service with this identifier and epoch.
+        NoSuchService = 13,
+        /// The owner of the service went before it answered.
+        OwnerGone = 14,
+        /// The owner of the service did not answer in time.
+        NoAnswer = 15,
+        /// The owner of the service will not answer.
+        Declined = 16,
+        /// The connection, or the owner of the service, has as many open requests, or bytes of them, as it may.
+        TooManyRequests = 17,
+        /// No message was published yet.
+        NothingYet = 18,
+        /// This connection did not register to poll this channel.
+        NotRegistered = 19,
+        /// A channel cannot repeat itself, not by way of others either, and not over more than eight steps.
+        Cycle = 20,
+        /// The channel repeats another one: detach it first.
+        Attached = 21,
+        /// No database is selected.
+        NoDatabase = 22,
+        /// There is no database of this name.
+        NoSuchDatabase = 23,
+        /// The database has no variable of this key.
+        NoSuchVariable = 24,
+        /// The key is empty, too long, or has control characters.
+        BadKey = 25,
+        /// The database has as many variables or bytes as it may.
+        DatabaseFull = 26,
+        /// The account has as many databases as it may.
+        TooManyDatabases = 27,
+        /// The value is too long as JSON: ask for it as a variant. Or a message is longer than its receiver takes.
+        TooLong = 28,
+        /// The flow has as many watches as it may.
+        TooManyWatches = 29,
+        /// The path has more than 16 parts, or one that is empty, `.`, `..` or has characters other than `A-Z a-z 0-9 _ . -`.
+        BadPath = 30,
+        /// There is nothing at this path.
+        NoSuchPath = 31,
+        /// There is a directory at this path, or a file where a directory is needed.
+        WrongPath = 32,
+        /// The directory is not empty.
+        NotEmpty = 33,
+        /// The length or the checksum is not what was announced.
+        BadChecksum = 34,
+        /// The piece does not begin where the hub's part of the file ends, or no upload was begun.
+        BadOffset = 35,
+        /// The account's files take as many bytes as they may.
+        Quota = 36,
+        /// The hub's disk failed; the hub's log says how.
+        Storage = 37,
+        /// There is no account of this name.
+        NoSuchUser = 38,
+        /// The account cannot be: its name or its keys are not what they should be, or it is the owner's own.
+        BadUser = 39,
+        /// There is nothing of this name to tell of.
+        NoSuchSubject = 40,
     }
 }
 
@@ -154,5 +214,11 @@ codes! {
         ControlFull = 5,
         /// Too many connections wait for their login, and this one was the oldest of the busiest address.
         Crowded = 6,
+        /// A new connection took the place of this one.
+        Replaced = 7,
+        /// A subscription that must not miss a message had no room for one more.
+        QueueFull = 8,
+        /// The account was removed.
+        AccountRemoved = 9,
     }
 }

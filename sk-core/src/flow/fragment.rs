@@ -4,7 +4,7 @@ use super::codec::ChannelRef;
 use super::error::ProtocolError;
 use super::frame::Flags;
 use super::limits::{ITEM_OVERHEAD_BYTES, SHARED_PAYLOAD_BYTES_MIN, UNFINISHED_BYTES_MAX};
-use bytes::Bytes;
+use bytes::{Bytes, BytesMut};
 use rustc_hash::FxHashMap;
 use smallvec::{SmallVec, smallvec};
 
@@ -51,12 +51,12 @@ pub enum Gathered {
     Ignored,
 }
 
-/// The unfinished messages of one connection, at most one for each channel.
+/// The unfinished messages of one connection, at most one for each key: a channel, or the tag of a call.
 ///
 /// Small pieces are copied out of the receive buffer, so that what is charged is what is held.
-#[derive(Debug, Default)]
-pub struct Gathering {
-    unfinished: FxHashMap<ChannelRef, Unfinished>,
+#[derive(Debug)]
+pub struct Gathering<K = ChannelRef> {
+    unfinished: FxHashMap<K, Unfinished>,
     bytes: usize,
 }
 
@@ -69,7 +69,13 @@ struct Unfinished {
     pieces: Option<Pieces>,
 }
 
-impl Gathering {
+impl<K> Default for Gathering<K> {
+    fn default() -> Self {
+        Gathering { unfinished: FxHashMap::default(), bytes: 0 }
+    }
+}
+
+impl<K: Copy + Eq + std::hash::Hash> Gathering<K> {
     /// Takes the next fragment of a channel.
     ///
     /// # Errors
@@ -77,7 +83,7 @@ impl Gathering {
     /// none, an empty fragment that is not the last, or a message longer than `bytes_max`.
     pub fn take(
         &mut self,
-        channel: ChannelRef,
+        channel: K,
         message: u32,
         flags: Flags,
         payload: Bytes,
@@ -114,7 +120,7 @@ impl Gathering {
 
     fn continue_message(
         &mut self,
-        channel: ChannelRef,
+        channel: K,
         message: u32,
         flags: Flags,
         payload: Bytes,
@@ -154,7 +160,7 @@ impl Gathering {
     }
 
     /// Forgets what is unfinished on a channel; says whether a message was held.
-    pub fn forget(&mut self, channel: ChannelRef) -> bool {
+    pub fn forget(&mut self, channel: K) -> bool {
         self.unfinished.remove(&channel).is_some_and(|ended| {
             self.bytes -= ended.charged;
             ended.pieces.is_some()
@@ -170,6 +176,16 @@ impl Gathering {
 /// A payload that does not keep a much larger buffer alive.
 pub fn owned_if_small(payload: Bytes) -> Bytes {
     if payload.len() < SHARED_PAYLOAD_BYTES_MIN { Bytes::copy_from_slice(&payload) } else { payload }
+}
+
+/// The whole message; the one piece of most messages is handed on as it is.
+pub fn joined(mut pieces: Pieces) -> Bytes {
+    if pieces.len() == 1 {
+        return std::mem::take(&mut pieces[0]);
+    }
+    let mut whole = BytesMut::with_capacity(pieces.iter().map(Bytes::len).sum());
+    pieces.iter().for_each(|piece| whole.extend_from_slice(piece));
+    whole.freeze()
 }
 
 #[cfg(test)]

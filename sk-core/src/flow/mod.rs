@@ -13,16 +13,18 @@
 
 pub mod channel;
 pub mod codec;
+pub mod database;
 pub mod definition;
 pub mod delivery;
 pub mod error;
 pub mod fragment;
 pub mod frame;
 pub mod inbound;
+mod kinds;
 pub mod limits;
 pub mod login;
 mod message;
-mod properties;
+
 pub mod satellite;
 pub mod server;
 mod sk_flow_sat;
@@ -30,6 +32,7 @@ mod sk_flow_server;
 pub mod state;
 pub mod table;
 pub mod transport;
+mod value;
 pub mod wire;
 
 pub use codec::ChannelRef;
@@ -37,10 +40,11 @@ pub use definition::{Definition, Direction, Encoded, Field, Message, Right, Righ
 pub use error::{ClosingReason, ProtocolError, RefusalCode};
 pub use frame::{Flags, Header};
 pub use inbound::Inbound;
+pub use kinds::{ChannelKind, Policy};
 pub use message::{Flow, FlowMessage};
-pub use properties::Properties;
 pub use sk_flow_sat::SkFlowSat;
 pub use sk_flow_server::SkFlowServer;
 pub use state::State;
 pub use table::{Command, Event};
-pub use transport::{AddressError, HubAddress, PipeSeed};
+pub use transport::{AddressError, FLOW_PATH, HubAddress, PipeSeed};
+pub use value::{Form, Properties, Value};

@@ -1,7 +1,7 @@
 //! What a satellite learns from its hub.
 
 use super::super::delivery::DropReason;
-use super::super::{ChannelRef, Properties};
+use super::super::{ChannelKind, ChannelRef, Properties, Value};
 use bytes::Bytes;
 use thiserror::Error;
 
@@ -10,6 +10,8 @@ use thiserror::Error;
 pub struct ChannelInfo {
     /// Identifier and epoch.
     pub channel: ChannelRef,
+    /// What it is for.
+    pub kind: ChannelKind,
     /// The hashID.
     pub hash: u64,
     /// The connection that owns it; 0 is the hub.
@@ -30,6 +32,37 @@ pub enum SatelliteEvent {
         user: String,
         /// The id of this connection.
         connection: u64,
+    },
+    /// The command with this tag succeeded.
+    Done {
+        /// Of the command.
+        tag: u32,
+    },
+    /// The command with this tag succeeded, and what it changed is on the hub's disk.
+    Saved {
+        /// Of the command.
+        tag: u32,
+    },
+    /// The answer to a question.
+    Flag {
+        /// Of the question.
+        tag: u32,
+        /// Yes or no.
+        value: bool,
+    },
+    /// The answer to a question.
+    Value {
+        /// Of the question.
+        tag: u32,
+        /// The answer.
+        value: Value,
+    },
+    /// A channel says something else about itself.
+    HeaderChanged {
+        /// Of the command, if it was this satellite's.
+        tag: u32,
+        /// What is known of the channel now.
+        info: ChannelInfo,
     },
     /// Commands may be given now. A flow knows all channels at this point.
     Ready,

@@ -2,11 +2,11 @@
 
 use super::super::delivery::DropReason;
 use super::super::error::ProtocolError;
-use super::super::fragment::{Gathered, Pieces};
+use super::super::fragment::{Gathered, joined};
 use super::super::limits::{FRAGMENT_BYTES_MIN, MAGIC, VERSION, VERSION_OLDEST};
-use super::super::{ChannelRef, Command, Event, Flags, Tagged};
-use super::{ChannelInfo, Credentials, Own, SatelliteCore, SatelliteEvent};
-use bytes::{Bytes, BytesMut};
+use super::super::{ChannelRef, Command, Event, Flags, Form, Tagged};
+use super::{ChannelInfo, Credentials, Own, SatelliteCore, SatelliteEvent, latest};
+use bytes::Bytes;
 use sk_flat::Name;
 
 impl SatelliteCore {
@@ -27,15 +27,15 @@ impl SatelliteCore {
                 self.inbound.advance();
                 self.events.push_back(SatelliteEvent::Ready);
             }
-            Event::ChannelListed { channel, hash, owner, name, properties } => {
-                self.listed.push(ChannelInfo { channel, hash, owner, name, properties });
+            Event::ChannelListed { channel, kind, hash, owner, name, properties } => {
+                self.listed.push(ChannelInfo { channel, kind, hash, owner, name, properties });
             }
             Event::ListEnd { .. } => {
                 let channels = std::mem::take(&mut self.listed);
                 self.events.push_back(SatelliteEvent::Listed { tag, channels });
             }
-            Event::ChannelAdded { channel, hash, owner, name, properties } => {
-                self.added(tag, ChannelInfo { channel, hash, owner, name, properties });
+            Event::ChannelAdded { channel, kind, hash, owner, name, properties } => {
+                self.added(tag, ChannelInfo { channel, kind, hash, owner, name, properties });
             }
             Event::ChannelRemoved { channel } => self.removed(channel),
             Event::StartPublishing { channel } => self.listened(channel, true),
@@ -50,10 +50,46 @@ impl SatelliteCore {
                 self.gathering.forget(channel);
                 self.events.push_back(SatelliteEvent::Unsubscribed(channel));
             }
+            Event::Done {} => self.events.push_back(SatelliteEvent::Done { tag }),
+            Event::Saved {} => self.events.push_back(SatelliteEvent::Saved { tag }),
+            Event::Flag { value } => self.events.push_back(SatelliteEvent::Flag { tag, value: value != 0 }),
+            Event::Value { value } => self.events.push_back(SatelliteEvent::Value { tag, value }),
+            Event::HeaderChanged { channel, properties } => {
+                if let Some(info) = self.channels.get_mut(&channel) {
+                    info.properties = properties;
+                    let info = info.clone();
+                    self.events.push_back(SatelliteEvent::HeaderChanged { tag, info });
+                }
+            }
             Event::Refused { code, text } => {
                 self.creating.remove(&tag);
                 self.events.push_back(SatelliteEvent::Refused { tag, code, text });
             }
+            // Answers to what this satellite does not ask.
+            Event::ScramChallenge { .. }
+            | Event::UdpOpened { .. }
+            | Event::Attached { .. }
+            | Event::Detached { .. }
+            | Event::Latest { .. }
+            | Event::Credit { .. }
+            | Event::Tick { .. }
+            | Event::TickReport { .. }
+            | Event::Request { .. }
+            | Event::RequestOver { .. }
+            | Event::Reply { .. }
+            | Event::BlobResume { .. }
+            | Event::BlobListed { .. }
+            | Event::BlobEntry { .. }
+            | Event::BlobData { .. }
+            | Event::DatabaseSelected { .. }
+            | Event::DatabaseListed { .. }
+            | Event::KeyListed { .. }
+            | Event::Variable { .. }
+            | Event::Changed { .. }
+            | Event::Deleted { .. }
+            | Event::Watching { .. }
+            | Event::WatchOver {}
+            | Event::UserListed { .. } => {}
             Event::Closing { reason, text } => {
                 self.closing = true;
                 self.events.push_back(SatelliteEvent::Closing { reason, text });
@@ -111,7 +147,7 @@ impl SatelliteCore {
         self.inbound.advance();
         self.events.push_back(SatelliteEvent::LoggedIn { user, connection });
         if self.wants_flow {
-            self.send(&Command::SetAsync {});
+            self.send(&Command::SetAsync { name: String::new(), session: [0; 16], form: Form::Binary });
         } else {
             self.events.push_back(SatelliteEvent::Ready);
         }
@@ -125,7 +161,7 @@ impl SatelliteCore {
         let created = self.creating.remove(&tag).is_some() && info.owner == self.connection;
         let name = info.name.clone();
         if let Some(depth) = self.wanted.get(&name) {
-            let command = Command::Subscribe { channel, depth: *depth };
+            let command = latest(channel, *depth);
             self.send(&command);
         }
         self.events.push_back(SatelliteEvent::ChannelAdded(info));
@@ -183,14 +219,4 @@ impl SatelliteCore {
         }
         Ok(())
     }
-}
-
-/// The whole message; the one piece of most messages is handed on as it is.
-fn joined(mut pieces: Pieces) -> Bytes {
-    if pieces.len() == 1 {
-        return std::mem::take(&mut pieces[0]);
-    }
-    let mut whole = BytesMut::with_capacity(pieces.iter().map(Bytes::len).sum());
-    pieces.iter().for_each(|piece| whole.extend_from_slice(piece));
-    whole.freeze()
 }

@@ -22,7 +22,7 @@ use super::limits::{
 };
 use super::login::{Nonce, OwnerToken};
 use super::wire::Slices;
-use super::{ChannelRef, Command, Event, Inbound, Properties, State};
+use super::{ChannelRef, Command, Event, Form, Inbound, Policy, Properties, State};
 use bytes::Bytes;
 use rustc_hash::FxHashMap;
 use sending::Outbox;
@@ -163,6 +163,11 @@ impl SatelliteCore {
         self.user.as_ref()
     }
 
+    /// The id of this connection at the hub, 0 before the login.
+    pub fn connection(&self) -> u64 {
+        self.connection
+    }
+
     /// The channel of a full name, for a flow.
     pub fn channel(&self, name: &str) -> Option<&ChannelInfo> {
         self.channels.get(self.names.get(name)?)
@@ -243,7 +248,7 @@ impl SatelliteCore {
         Name::new(name)?;
         let depth = depth.min(SUBSCRIPTION_DEPTH_MAX);
         if let Some(channel) = self.names.get(name).copied() {
-            self.command(&Command::Subscribe { channel, depth })?;
+            self.command(&latest(channel, depth))?;
         }
         self.wanted.insert(name.to_owned(), depth);
         Ok(())
@@ -270,7 +275,7 @@ impl SatelliteCore {
         if self.wants_flow || !self.is_ready() {
             return Err(SatelliteError::State("list_channels"));
         }
-        self.command(&Command::ListChannels {})
+        self.command(&Command::ListChannels { form: Form::Binary })
     }
 
     /// Asks whether the hub is there; `Pong` with the tag answers.
@@ -348,4 +353,9 @@ impl SatelliteCore {
         self.outbox.command(command, tag);
         tag
     }
+}
+
+/// The command for a subscription that hears the newest messages.
+fn latest(channel: ChannelRef, depth: u16) -> Command {
+    Command::Subscribe { channel, policy: Policy::Latest, depth, divisor: 1 }
 }

@@ -4,6 +4,7 @@ use super::super::error::ClosingReason;
 use super::super::login::NO_PROOF;
 use super::super::{Flags, Message};
 use super::*;
+use crate::flow::ChannelKind;
 use std::time::Duration;
 
 fn at(ms: u64) -> Instant {
@@ -23,7 +24,11 @@ fn ready() -> SatelliteCore {
     tell(&mut core, welcome()).expect("agreed");
     tell(&mut core, Event::LoggedIn { connection: 4, user: "robot".into(), proof: NO_PROOF })
         .expect("logged in");
-    tell(&mut core, Event::FlowBegun { channels: 0 }).expect("a flow");
+    tell(
+        &mut core,
+        Event::FlowBegun { channels: 0, name: "robot.x".into(), session: [0; 16], resumed: 0 },
+    )
+    .expect("a flow");
     while core.take().is_some() || core.next_event().is_some() {}
     core
 }
@@ -31,6 +36,7 @@ fn ready() -> SatelliteCore {
 fn added(name: &str, id: i16, owner: u64) -> Event {
     let properties = Properties::new(&SkVariant::map([] as [(&str, SkVariant); 0])).expect("an empty map");
     Event::ChannelAdded {
+        kind: ChannelKind::Stream,
         channel: ChannelRef { id, epoch: 1 },
         hash: 0,
         owner,
@@ -71,7 +77,7 @@ fn a_wanted_name_is_subscribed_to_whenever_a_channel_has_it() {
         let channel = ChannelRef { id, epoch: 1 };
         let sent = core.take().map(|frame| frame.to_vec());
         let tag = core.next_tag;
-        assert_eq!(sent, Some(Command::Subscribe { channel, depth: 3 }.encode(tag, Flags::NONE).to_vec()));
+        assert_eq!(sent, Some(latest(channel, 3).encode(tag, Flags::NONE).to_vec()));
         tell(&mut core, Event::ChannelRemoved { channel }).expect("honest");
         assert!(core.channel("robot.imu").is_none());
     }

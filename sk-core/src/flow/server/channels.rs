@@ -6,13 +6,31 @@ use super::super::error::{ProtocolError, RefusalCode};
 use super::super::limits::{
     CHANNELS_PER_FLOW_MAX, SUBSCRIPTION_DEPTH_DEFAULT, SUBSCRIPTION_DEPTH_MAX, SUBSCRIPTIONS_PER_FLOW_MAX,
 };
-use super::super::{ChannelRef, Encoded, Event, Flags, Message, Properties, Right, State};
+use super::super::{
+    ChannelKind, ChannelRef, Encoded, Event, Flags, Form, Message, Policy, Properties, Right, State,
+};
+use super::connection::Incoming;
 use super::{ConnectionId, Notice, ServerCore, Subscriber, Subscribers, owning_flow};
 use sk_flat::Name;
 
+/// What a subscriber wishes for.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Wish {
+    pub(super) policy: Policy,
+    pub(super) depth: u16,
+    pub(super) divisor: u8,
+}
+
 impl ServerCore {
-    pub(super) fn create_stream(&mut self, id: ConnectionId, tag: u32, name: &str, properties: Properties) {
-        match self.try_create(id, name, properties) {
+    pub(super) fn create_channel(
+        &mut self,
+        id: ConnectionId,
+        tag: u32,
+        kind: ChannelKind,
+        name: &str,
+        properties: Properties,
+    ) {
+        match self.try_create(id, kind, name, properties) {
             Ok(channel) => {
                 if let Some(connection) = self.connections.get_mut(id) {
                     connection.owned.push(channel);
@@ -26,6 +44,7 @@ impl ServerCore {
     fn try_create(
         &mut self,
         id: ConnectionId,
+        kind: ChannelKind,
         name: &str,
         properties: Properties,
     ) -> Result<ChannelRef, RefusalCode> {
@@ -41,18 +60,28 @@ impl ServerCore {
             return Err(RefusalCode::BadProperties);
         }
         self.channels
-            .add(full, Owner::Flow(id.wire()), properties, Subscribers::default())
+            .add(full, kind, Owner::Flow(id.wire()), properties, Subscribers::default())
     }
 
-    /// Opens a channel of the hub's own. It outlives every flow; administrators may remove it.
+    /// Opens a streaming channel of the hub's own. It outlives every flow; administrators may remove it.
     ///
     /// # Errors
     /// `Exists`, `NoFreeChannel`, or `BadProperties` if they are not a map.
     pub fn open_channel(&mut self, name: Name, properties: Properties) -> Result<ChannelRef, RefusalCode> {
+        self.open_own(ChannelKind::Stream, name, properties)
+    }
+
+    /// Opens a channel of the hub's own.
+    pub(super) fn open_own(
+        &mut self,
+        kind: ChannelKind,
+        name: Name,
+        properties: Properties,
+    ) -> Result<ChannelRef, RefusalCode> {
         if !properties.is_map() {
             return Err(RefusalCode::BadProperties);
         }
-        let channel = self.channels.add(name, Owner::Hub, properties, Subscribers::default())?;
+        let channel = self.channels.add(name, kind, Owner::Hub, properties, Subscribers::default())?;
         self.tell_added(channel, None);
         self.settle();
         Ok(channel)
@@ -89,6 +118,9 @@ impl ServerCore {
         reason: DropReason,
     ) {
         let Some((known, subscribers)) = self.channels.remove(channel) else { return };
+        if known.kind == ChannelKind::Service {
+            self.end_requests_to(channel, known.owner);
+        }
         for subscriber in subscribers.list {
             if let Some(connection) = self.connections.get_mut(subscriber.connection)
                 && let Some(counts) = connection.output.unsubscribe(channel, reason)
@@ -100,36 +132,43 @@ impl ServerCore {
             && let Some(connection) = self.connections.get_mut(owner)
         {
             connection.owned.retain(|owned| *owned != channel);
-            connection.gathering.forget(channel);
+            connection.gathering.forget(Incoming::Publish(channel));
         }
         let event = Event::ChannelRemoved { channel };
-        self.tell_flows(
-            channel,
-            event.encode(0, Flags::NONE),
-            asked.map(|(id, tag)| (id, event.encode(tag, Flags::NONE))),
-        );
+        self.tell_flows(channel, asked, |tag, _| event.encode(tag, Flags::NONE));
         self.notices.push_back(Notice::ChannelRemoved { channel, name: known.name });
     }
 
     fn tell_added(&mut self, channel: ChannelRef, asked: Option<(ConnectionId, u32)>) {
         let Some((known, _)) = self.channels.get(channel) else { return };
-        let name = known.name.clone();
-        let (frame, answer) = (known.added(0), asked.map(|(id, tag)| (id, known.added(tag))));
-        self.tell_flows(channel, frame, answer);
-        self.notices.push_back(Notice::ChannelAdded { channel, name });
+        let known = known.clone();
+        self.tell_flows(channel, asked, |tag, form| known.added(tag, form));
+        self.notices.push_back(Notice::ChannelAdded { channel, name: known.name });
     }
 
-    /// Sends a frame about a channel to every flow, and to the one that asked its own form with the tag. A
-    /// flow that is still being told what there is hears of channels beyond that point in due course.
-    fn tell_flows(&mut self, channel: ChannelRef, frame: Encoded, answer: Option<(ConnectionId, Encoded)>) {
+    /// Sends a frame about a channel to every flow in the form of its values, and to the one that asked with
+    /// its tag. A flow that is still being told what there is hears of channels beyond that point in due course.
+    pub(super) fn tell_flows(
+        &mut self,
+        channel: ChannelRef,
+        asked: Option<(ConnectionId, u32)>,
+        frame: impl Fn(u32, Form) -> Encoded,
+    ) {
+        let mut made: [Option<Encoded>; 2] = [None, None];
         for id in self.connections.ids() {
             let Some(connection) = self.connections.get(id) else { continue };
             let flow = connection.inbound.state() == State::Flow && connection.closing.is_none();
-            let told = connection.replay.is_none_or(|replay| replay.next > channel.id as u16);
+            let told = connection
+                .replay
+                .is_none_or(|replay| !replay.begins_flow || replay.next > channel.id as u16);
             if flow && told {
-                match &answer {
-                    Some((asker, answer)) if *asker == id => self.send(id, answer.clone()),
-                    _ => self.send(id, frame.clone()),
+                let form = connection.form;
+                match asked {
+                    Some((asker, tag)) if asker == id => self.send(id, frame(tag, form)),
+                    _ => {
+                        let shared = made[form as usize].get_or_insert_with(|| frame(0, form)).clone();
+                        self.send(id, shared);
+                    }
                 }
             }
         }
@@ -142,21 +181,23 @@ impl ServerCore {
         while let Some(replay) = &mut connection.replay
             && connection.output.has_room_for_list()
         {
-            let flow = connection.inbound.state() == State::Flow;
+            let (tag, form, flow) = (replay.tag, replay.form, replay.begins_flow);
             let frame = match self.channels.from_id(replay.next) {
                 Some((channel, _)) => {
                     replay.next = channel.reference.id as u16 + 1;
                     replay.told += 1;
-                    if flow { channel.added(0) } else { channel.listed(replay.tag) }
+                    if flow { channel.added(0, form) } else { channel.listed(tag, form) }
                 }
                 None => {
-                    let (tag, channels) = (replay.tag, replay.told);
+                    let count = replay.told;
                     connection.replay = None;
                     if flow {
                         self.notices.push_back(Notice::FlowBegun { connection: id });
-                        Event::FlowBegun { channels }.encode(tag, Flags::NONE)
+                        let name = connection.flow.as_ref().map(Name::to_string).unwrap_or_default();
+                        Event::FlowBegun { channels: count, name, session: [0; 16], resumed: 0 }
+                            .encode(tag, Flags::NONE)
                     } else {
-                        Event::ListEnd { channels }.encode(tag, Flags::NONE)
+                        Event::ListEnd { count }.encode(tag, Flags::NONE)
                     }
                 }
             };
@@ -171,8 +212,9 @@ impl ServerCore {
         id: ConnectionId,
         tag: u32,
         channel: ChannelRef,
-        depth: u16,
+        wish: Wish,
     ) -> Result<(), ProtocolError> {
+        let Wish { policy, depth, divisor } = wish;
         if depth > SUBSCRIPTION_DEPTH_MAX {
             return Err(ProtocolError::BadValue { kind: "subscribe", field: "depth", value: depth.into() });
         }
@@ -181,6 +223,10 @@ impl ServerCore {
             self.refuse(id, tag, RefusalCode::Gone);
             return Ok(());
         };
+        if known.kind != ChannelKind::Stream || policy != Policy::Latest || divisor != 1 {
+            self.refuse(id, tag, RefusalCode::WrongKind);
+            return Ok(());
+        }
         let owner = known.owner;
         let Some(connection) = self.connections.get_mut(id) else { return Ok(()) };
         let output = &mut connection.output;

@@ -3,7 +3,9 @@
 use super::super::definition::{Encoded, Tagged};
 use super::super::error::{ProtocolError, RefusalCode};
 use super::super::limits::TURN_COST_MAX;
-use super::super::{Command, Event, Message};
+use super::super::{ChannelKind, Command, Event, Flags, Message};
+use super::channels::Wish;
+use super::services::{AnswerPiece, CallPiece};
 use super::{ConnectionId, ServerCore};
 use sk_flat::Instant;
 
@@ -89,7 +91,7 @@ impl ServerCore {
         let Tagged { tag, flags, message } = tagged;
         let Some(connection) = self.connections.get(id) else { return Ok(()) };
         if !connection.rights.has(message.definition().right) {
-            self.refuse(id, tag, RefusalCode::Denied);
+            self.refuse_once(id, tag, flags, &message, RefusalCode::Denied);
             return Ok(());
         }
         match message {
@@ -111,16 +113,46 @@ impl ServerCore {
             Command::LoginPeer {} => self.login_peer(id, tag),
             Command::Ping {} => self.answer(id, tag, &Event::Pong {}),
             Command::Pong {} => {}
-            Command::SetAsync {} => self.set_async(id, tag),
-            Command::ListChannels {} => self.list(id, tag),
-            Command::CreateStream { name, properties } => self.create_stream(id, tag, &name, properties),
+            Command::SetAsync { name, session: _, form } => self.set_async(id, tag, &name, form),
+            Command::ListChannels { form } => self.list(id, tag, form),
+            Command::CreateStream { name, properties } => {
+                self.create_channel(id, tag, ChannelKind::Stream, &name, properties);
+            }
             Command::RemoveChannel { channel } => self.remove_on_request(id, tag, channel),
-            Command::Subscribe { channel, depth } => self.subscribe(id, tag, channel, depth)?,
+            Command::Subscribe { channel, policy, depth, divisor } => {
+                self.subscribe(id, tag, channel, Wish { policy, depth, divisor })?;
+            }
             Command::Unsubscribe { channel } => self.unsubscribe(id, tag, channel),
             Command::Publish { channel, message, payload } => {
                 self.publish(id, tag, flags, super::publish::Piece { channel, message, payload })?;
             }
+            Command::CreateService { name, properties } => {
+                self.create_channel(id, tag, ChannelKind::Service, &name, properties);
+            }
+            Command::Call { channel, deadline_ms, payload } => {
+                self.call(id, tag, flags, CallPiece { channel, deadline_ms, payload })?;
+            }
+            Command::Answer { request, more, payload } => {
+                self.answer_request(id, flags, AnswerPiece { request, more, payload })?;
+            }
+            Command::Decline { request, text } => self.decline(id, request, text),
+            Command::Cancel { call } => self.cancel(id, call),
+            message => self.refuse_once(id, tag, flags, &message, RefusalCode::NotOffered),
         }
         Ok(())
+    }
+
+    /// Refuses a command; a message in fragments once.
+    fn refuse_once(
+        &mut self,
+        id: ConnectionId,
+        tag: u32,
+        flags: Flags,
+        command: &Command,
+        code: RefusalCode,
+    ) {
+        if !command.definition().fragment || flags.has(Flags::FIRST) {
+            self.refuse(id, tag, code);
+        }
     }
 }

@@ -52,7 +52,7 @@ fn a_flow_has_at_most_256_channels_and_1024_subscriptions() {
     flow.send(&mut hub, 5, &Command::CreateStream { name: "more".into(), properties: no_properties() });
     assert_eq!(refusal(&flow.read(&mut hub), 5), Some(RefusalCode::TooManyChannels));
     for (index, channel) in channels.iter().enumerate().take(SUBSCRIPTIONS_PER_FLOW_MAX + 1) {
-        flow.send(&mut hub, 6, &Command::Subscribe { channel: *channel, depth: 0 });
+        flow.send(&mut hub, 6, &subscribe(*channel, 0));
         let refused = refusal(&flow.read(&mut hub), 6);
         let expected = (index == SUBSCRIPTIONS_PER_FLOW_MAX).then_some(RefusalCode::TooManySubscriptions);
         assert_eq!(refused, expected, "subscription {index}");
@@ -126,7 +126,12 @@ fn a_list_tells_every_channel_and_later_commands_wait_for_its_end() {
             .expect("room");
     }
     let mut raw = Raw::open(&mut hub, OWNER);
-    for command in [Raw::hello(1024), Command::LoginPeer {}, Command::ListChannels {}, Command::Ping {}] {
+    for command in [
+        Raw::hello(1024),
+        Command::LoginPeer {},
+        Command::ListChannels { form: Form::Binary },
+        Command::Ping {},
+    ] {
         raw.send(&mut hub, 3, &command);
     }
     assert!(!hub.wants_input(raw.id));
@@ -138,7 +143,7 @@ fn a_list_tells_every_channel_and_later_commands_wait_for_its_end() {
         .filter(|event| matches!(event, Event::ChannelListed { .. }))
         .count();
     assert_eq!(listed, CHANNELS_RESERVED_FOR_HUB);
-    assert_eq!(events[events.len() - 2..], [Event::ListEnd { channels: 1024 }, Event::Pong {}]);
+    assert_eq!(events[events.len() - 2..], [Event::ListEnd { count: 1024 }, Event::Pong {}]);
 }
 
 #[test]
@@ -150,7 +155,7 @@ fn a_flow_that_begins_hears_of_every_channel_exactly_once() {
     };
     let channels: Vec<_> = (0..500).map(|index| open(&mut hub, format!("hub.{index}"))).collect();
     let mut raw = Raw::open(&mut hub, OWNER);
-    for command in [Raw::hello(1024), Command::LoginPeer {}, Command::SetAsync {}] {
+    for command in [Raw::hello(1024), Command::LoginPeer {}, set_async()] {
         raw.send(&mut hub, 3, &command);
     }
     hub.slices(raw.id, 8);

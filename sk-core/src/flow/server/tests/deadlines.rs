@@ -7,7 +7,7 @@ fn a_peer_that_lets_control_frames_pile_up_is_closed_and_is_not_spurious() {
     let mut hub = hub();
     let stuck = Raw::flow(&mut hub, OWNER);
     let mut good = Raw::flow(&mut hub, OWNER);
-    let name: Name = "hub.x".parse().expect("a name");
+    let name: Name = format!("hub.{}", "x".repeat(240)).parse().expect("a name");
     for _ in 0..20_000 {
         let channel = hub.open_channel(name.clone(), no_properties()).expect("room");
         hub.close_channel(channel);

@@ -51,7 +51,7 @@ fn a_subscriber_that_does_not_read_costs_its_budget_and_others_lose_nothing() {
     let channel = owner.create(&mut hub, "camera");
     let mut stuck = Raw::flow(&mut hub, OWNER);
     let mut good = Raw::flow(&mut hub, OWNER);
-    stuck.send(&mut hub, 1, &Command::Subscribe { channel, depth: 1024 });
+    stuck.send(&mut hub, 1, &subscribe(channel, 1024));
     stuck.read(&mut hub);
     good.subscribe(&mut hub, channel);
     let mut received = 0;
@@ -100,7 +100,7 @@ proptest! {
         let mut hub = hub();
         let mut witness = Raw::flow(&mut hub, OWNER);
         let raw = Raw::open(&mut hub, OWNER);
-        for command in [Raw::hello(1024), Command::LoginPeer {}, Command::SetAsync {}].iter().take(depth) {
+        for command in [Raw::hello(1024), Command::LoginPeer {}, set_async()].iter().take(depth) {
             raw.send(&mut hub, 1, command);
             while hub.take(raw.id).is_some() {}
         }
@@ -126,7 +126,7 @@ proptest! {
                         channels.push((who, channel.reference));
                     }
                 }
-                (1, Some((_, channel))) => flows[who].send(&mut hub, 6, &Command::Subscribe { channel, depth: 2 }),
+                (1, Some((_, channel))) => flows[who].send(&mut hub, 6, &subscribe(channel, 2)),
                 (2, Some((_, channel))) => flows[who].send(&mut hub, 7, &Command::Unsubscribe { channel }),
                 (3, Some((_, channel))) => {
                     hub.close_channel(channel);

@@ -1,6 +1,7 @@
 //! Greeting, login, states and rights.
 
 use super::*;
+use crate::flow::{Definition, table::samples};
 
 #[test]
 fn an_async_command_before_the_switch_kills_the_client() {
@@ -22,18 +23,17 @@ fn the_switch_without_login_kills_the_client() {
     let mut hub = hub();
     let raw = Raw::open(&mut hub, OWNER);
     raw.send(&mut hub, 1, &Raw::hello(1024));
-    raw.send(&mut hub, 2, &Command::SetAsync {});
+    raw.send(&mut hub, 2, &set_async());
     assert!(matches!(ending(&mut hub, raw.id), Some(Ending::Spurious(_))));
 }
 
 #[test]
 fn every_command_is_killed_in_every_state_that_the_table_does_not_list() {
-    let channel = ChannelRef { id: 2000, epoch: 1 };
     for line in Command::TABLE {
         for state in State::ALL {
             let mut hub = hub();
             let raw = Raw::open(&mut hub, OWNER);
-            for command in [Raw::hello(1024), Command::LoginPeer {}, Command::SetAsync {}]
+            for command in [Raw::hello(1024), Command::LoginPeer {}, set_async()]
                 .iter()
                 .take(state as usize)
             {
@@ -41,7 +41,7 @@ fn every_command_is_killed_in_every_state_that_the_table_does_not_list() {
                 while hub.take(raw.id).is_some() {}
             }
             assert_eq!(hub.connection(raw.id).map(|(state, _)| state), Some(state));
-            let command = sample(line.id, channel);
+            let command = sample(line);
             let flags = if line.fragment { Flags::WHOLE } else { Flags::NONE };
             raw.send_flagged(&mut hub, 2, flags, &command);
             let killed = matches!(ending(&mut hub, raw.id), Some(Ending::Spurious(_)));
@@ -50,27 +50,16 @@ fn every_command_is_killed_in_every_state_that_the_table_does_not_list() {
     }
 }
 
-fn sample(id: u8, channel: ChannelRef) -> Command {
-    match id {
-        0x01 => Raw::hello(1024),
-        0x02 => Command::LoginToken { proof: [0; 32] },
-        0x03 => Command::LoginPeer {},
-        0x04 => Command::Ping {},
-        0x05 => Command::Pong {},
-        0x06 => Command::SetAsync {},
-        0x07 => Command::ListChannels {},
-        0x10 => Command::CreateStream { name: "x".into(), properties: no_properties() },
-        0x11 => Command::RemoveChannel { channel },
-        0x12 => Command::Subscribe { channel, depth: 0 },
-        0x13 => Command::Unsubscribe { channel },
-        0x14 => Command::Publish { channel, message: 0, payload: Bytes::new() },
-        other => panic!("the table has a new command {other:#x}"),
-    }
+fn sample(line: &Definition) -> Command {
+    let samples = samples::commands([0; 32]).expect("small");
+    samples
+        .into_iter()
+        .find(|sample| sample.definition() == line)
+        .expect("one of each")
 }
 
 #[test]
 fn every_command_that_needs_a_right_is_refused_without_it() {
-    let channel = ChannelRef { id: 2000, epoch: 1 };
     for line in Command::TABLE.iter().filter(|line| line.right != crate::flow::Right::Nothing) {
         let mut hub = hub();
         let origin = Origin::Inside { rights: Rights::NONE };
@@ -84,7 +73,7 @@ fn every_command_that_needs_a_right_is_refused_without_it() {
             raw
         };
         let flags = if line.fragment { Flags::WHOLE } else { Flags::NONE };
-        raw.send_flagged(&mut hub, 5, flags, &sample(line.id, channel));
+        raw.send_flagged(&mut hub, 5, flags, &sample(line));
         assert_eq!(refusal(&raw.read(&mut hub), 5), Some(RefusalCode::Denied), "{}", line.name);
     }
 }

@@ -4,10 +4,12 @@ mod channels;
 mod deadlines;
 mod delivery;
 mod login;
+mod service_limits;
+mod services;
 
 use super::super::limits::*;
 use super::super::satellite::{Credentials, SatelliteCore, SatelliteEvent};
-use super::super::{ChannelRef, Command, Flags, Header, Inbound, Properties, Rights, Tagged};
+use super::super::{ChannelRef, Command, Flags, Form, Header, Inbound, Policy, Properties, Rights, Tagged};
 use super::*;
 use bytes::Bytes;
 use sk_flat::SkVariant;
@@ -24,6 +26,14 @@ fn hub() -> ServerCore {
 
 fn no_properties() -> Properties {
     Properties::new(&SkVariant::map([] as [(&str, SkVariant); 0])).expect("an empty map")
+}
+
+fn set_async() -> Command {
+    Command::SetAsync { name: String::new(), session: [0; 16], form: Form::Binary }
+}
+
+fn subscribe(channel: ChannelRef, depth: u16) -> Command {
+    Command::Subscribe { channel, policy: Policy::Latest, depth, divisor: 1 }
 }
 
 fn at(ms: u64) -> Instant {
@@ -86,7 +96,7 @@ impl Raw {
 
     fn flow_with(hub: &mut ServerCore, origin: Origin, fragment_bytes: u32) -> Raw {
         let mut raw = Raw::open(hub, origin);
-        for command in [Raw::hello(fragment_bytes), Command::LoginPeer {}, Command::SetAsync {}] {
+        for command in [Raw::hello(fragment_bytes), Command::LoginPeer {}, set_async()] {
             raw.send(hub, 1, &command);
         }
         raw.read(hub);
@@ -104,8 +114,48 @@ impl Raw {
         created.unwrap_or_else(|| panic!("no channel, but {events:?}"))
     }
 
+    fn serve(&mut self, hub: &mut ServerCore, name: &str) -> ChannelRef {
+        self.send(hub, 77, &Command::CreateService { name: name.to_owned(), properties: no_properties() });
+        let events = tagged(&self.read(hub), 77);
+        match events.as_slice() {
+            [Event::ChannelAdded { channel, .. }] => *channel,
+            other => panic!("no service, but {other:?}"),
+        }
+    }
+
+    /// A call in one fragment with the default deadline.
+    fn call(&self, hub: &mut ServerCore, tag: u32, channel: ChannelRef, payload: &'static [u8]) {
+        let payload = Bytes::from_static(payload);
+        self.send_flagged(hub, tag, Flags::WHOLE, &Command::Call { channel, deadline_ms: 0, payload });
+    }
+
+    fn answer(&self, hub: &mut ServerCore, request: u64, more: u8, payload: &'static [u8]) {
+        let payload = Bytes::from_static(payload);
+        self.send_flagged(hub, 0, Flags::WHOLE, &Command::Answer { request, more, payload });
+    }
+
+    /// The ids of the requests that came.
+    fn requests(&mut self, hub: &mut ServerCore) -> Vec<u64> {
+        let events = messages(self.read(hub));
+        events
+            .iter()
+            .filter_map(|event| match event {
+                Event::Request { request, .. } => Some(*request),
+                _ => None,
+            })
+            .collect()
+    }
+
+    /// The only request that came.
+    fn request(&mut self, hub: &mut ServerCore) -> u64 {
+        match self.requests(hub).as_slice() {
+            [request] => *request,
+            other => panic!("one request was expected: {other:?}"),
+        }
+    }
+
     fn subscribe(&mut self, hub: &mut ServerCore, channel: ChannelRef) {
-        self.send(hub, 78, &Command::Subscribe { channel, depth: 0 });
+        self.send(hub, 78, &subscribe(channel, 0));
         assert!(tagged(&self.read(hub), 78).contains(&Event::Subscribed { channel }));
     }
 
