@@ -124,7 +124,7 @@ impl Cx {
             let first = links.0.iter().take(REHEARSED_LINKS_MAX);
             std::hint::black_box(first.filter(|link| link.is_dead()).count());
         }
-        self.fire_own(zone.id(), &Links(Vec::new()), &());
+        self.fire_own(zone.id(), &Links(Default::default()), &());
         let Pulse { number, due, .. } = self.pulse;
         std::hint::black_box((number, due, self.queue.len(), self.measures.ticks, self.pacing.last_tick));
     }
