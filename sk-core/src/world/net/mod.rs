@@ -9,6 +9,7 @@ mod real;
 mod real_socket;
 mod real_token;
 mod real_tty;
+mod real_waker;
 mod sim_socket;
 mod simulated;
 mod socket_file;
