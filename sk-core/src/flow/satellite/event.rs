@@ -94,6 +94,31 @@ pub enum SatelliteEvent {
         /// Its bytes, shared with the receive buffer if it came in one fragment.
         payload: Bytes,
     },
+    /// Somebody asks a service of this satellite's.
+    Request {
+        /// The service.
+        channel: ChannelRef,
+        /// To be answered with [`SatelliteCore::answer`](super::SatelliteCore::answer).
+        request: u64,
+        /// The connection that asks.
+        asker: u64,
+        /// What.
+        payload: Bytes,
+    },
+    /// Nobody waits any more for the answer to a request.
+    RequestOver {
+        /// Which.
+        request: u64,
+    },
+    /// An answer to a call. What ends a call otherwise is `Refused` with its tag.
+    Reply {
+        /// Of the call.
+        tag: u32,
+        /// Whether further answers follow.
+        more: bool,
+        /// The answer.
+        payload: Bytes,
+    },
     /// Messages of a subscription did not come.
     Dropped {
         /// Of which channel.
@@ -149,6 +174,9 @@ pub enum SatelliteError {
     /// The channel is not one's own, or is gone.
     #[error("channel {0} is not this satellite's, or is gone")]
     NotOwn(ChannelRef),
+    /// Nobody waits for an answer to this request any more, or it was never this satellite's.
+    #[error("nobody waits for the answer to request {0}")]
+    NoRequest(u64),
     /// Too much waits to be sent.
     #[error("too many bytes wait to be sent")]
     Full,

@@ -8,6 +8,7 @@
 mod event;
 mod incoming;
 mod sending;
+mod services;
 #[cfg(test)]
 mod tests;
 
@@ -25,9 +26,10 @@ use super::wire::Slices;
 use super::{ChannelRef, Command, Event, Form, Inbound, Policy, Properties, State};
 use bytes::Bytes;
 use rustc_hash::FxHashMap;
-use sending::Outbox;
+use sending::{Kind, Outbox};
+use services::Incoming;
 use sk_flat::{Instant, Name, SkVariant};
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 /// How a satellite logs in.
 #[derive(Clone, Debug)]
@@ -65,7 +67,11 @@ pub struct SatelliteCore {
     wanted: BTreeMap<String, u16>,
     /// Names whose creation was asked, by tag.
     creating: BTreeMap<u32, String>,
-    gathering: Gathering,
+    gathering: Gathering<Incoming>,
+    /// The tags of open calls.
+    calls: BTreeSet<u32>,
+    /// The requests that wait for an answer of this satellite's.
+    requests: BTreeSet<u64>,
     listed: Vec<ChannelInfo>,
     events: VecDeque<SatelliteEvent>,
     next_tag: u32,
@@ -104,6 +110,8 @@ impl SatelliteCore {
             wanted: BTreeMap::new(),
             creating: BTreeMap::new(),
             gathering: Gathering::default(),
+            calls: BTreeSet::new(),
+            requests: BTreeSet::new(),
             listed: Vec::new(),
             events: VecDeque::new(),
             next_tag: 0,
@@ -194,12 +202,23 @@ impl SatelliteCore {
     /// # Errors
     /// If the name or the properties cannot be, or the connection is no ready flow.
     pub fn create(&mut self, name: &str, properties: &SkVariant) -> Result<u32, SatelliteError> {
+        let stream = |name, properties| Command::CreateStream { name, properties };
+        self.create_as("create_stream", stream, name, properties)
+    }
+
+    fn create_as(
+        &mut self,
+        what: &'static str,
+        command: impl FnOnce(String, Properties) -> Command,
+        name: &str,
+        properties: &SkVariant,
+    ) -> Result<u32, SatelliteError> {
         let Some(user) = self.user.as_ref().filter(|_| self.is_flow()) else {
-            return Err(SatelliteError::State("create_stream"));
+            return Err(SatelliteError::State(what));
         };
         let full = Name::compose(user, &Name::new(name)?)?;
         let properties = Properties::new(properties)?;
-        let tag = self.command(&Command::CreateStream { name: name.to_owned(), properties })?;
+        let tag = self.command(&command(name.to_owned(), properties))?;
         self.creating.insert(tag, full.to_string());
         Ok(tag)
     }
@@ -226,7 +245,10 @@ impl SatelliteCore {
         if !own.listened {
             return Ok(false);
         }
-        if !self.outbox.publish(channel, own.next_message, payload) {
+        if !self
+            .outbox
+            .message(Kind::Publish { channel, message: own.next_message }, payload)
+        {
             return Err(SatelliteError::Full);
         }
         own.next_message = own.next_message.wrapping_add(1);

@@ -2,6 +2,9 @@
 
 mod commands;
 mod events;
+mod services;
+
+pub(crate) use services::doc_or_map;
 
 use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteError, SatelliteEvent};
 use super::transport::{Broken, Core, Link, PipeSeed, TURN_BYTES_MAX, Turn};
@@ -64,6 +67,10 @@ pub struct SkFlowSat {
     wanted: BTreeMap<String, u16>,
     /// All channels, in step with the events that were told.
     heard: BTreeMap<ChannelRef, Rc<ChannelInfo>>,
+    services: services::Services,
+    /// How many links there have been.
+    link_number: u64,
+    call_timer: Handle<Timer>,
     reconnect: Handle<Timer>,
     reconnect_after: Duration,
     losses: u64,
@@ -106,7 +113,7 @@ crate::object! {
             refused(String)
             dropped(String, String, u64)
         }
-        slots { on_check() on_reconnect() }
+        slots { on_check() on_reconnect() on_call_deadline() }
         hooks { on_destroy }
     }
 }
@@ -198,6 +205,8 @@ impl SkFlowSat {
         cx.spawn_with(|cx, this: Handle<SkFlowSat>| {
             let reconnect = cx.under(this).spawn(Timer::default());
             let check = cx.under(this).spawn(Timer::default());
+            let call_timer = cx.under(this).spawn(Timer::default());
+            attach!(cx, call_timer.timeout => this.on_call_deadline);
             attach!(cx, reconnect.timeout => this.on_reconnect);
             attach!(cx, check.timeout => this.on_check);
             // The timer was made just now and is no more gone than this object.
@@ -213,6 +222,9 @@ impl SkFlowSat {
                 own: BTreeMap::new(),
                 wanted: BTreeMap::new(),
                 heard: BTreeMap::new(),
+                services: services::Services::default(),
+                link_number: 0,
+                call_timer,
                 reconnect,
                 reconnect_after: RECONNECT_FIRST,
                 losses: 0,
@@ -259,6 +271,7 @@ impl SkFlowSat {
     fn begin(&mut self, cx: &mut Cx, link: Link, token: Token, credentials: Credentials) {
         let mut nonce = [0; 32];
         cx.world().rng.fill(&mut nonce);
+        self.link_number += 1;
         self.core = Some(SatelliteCore::flow(credentials, nonce, cx.now()));
         self.link = Some(link);
         self.token = Some(token);
@@ -281,6 +294,7 @@ impl SkFlowSat {
             own.channel = None;
         }
         self.heard.clear();
+        self.end_services(cx);
         if matches!(self.way, Way::Address { .. }) {
             // The timer is this object's child and lives as long as it.
             let _ = self.reconnect.start_once(cx, self.reconnect_after);
@@ -384,9 +398,11 @@ impl SkFlowSat {
                 if let Some(own) = self.own.get_mut(own_name(name)) {
                     own.channel = Some(*channel);
                 }
+                self.service_created(own_name(name), *channel);
             }
             SatelliteEvent::ChannelAdded(info) => {
                 self.heard.insert(info.channel, Rc::new(info.clone()));
+                self.send_waiting(cx, Some(&info.name));
             }
             SatelliteEvent::ChannelRemoved(info) => {
                 self.heard.remove(&info.channel);
@@ -410,6 +426,7 @@ impl SkFlowSat {
                 tracing::error!("channel {name} cannot be subscribed to: {error}");
             }
         }
+        self.restore_services(cx);
         self.flush_later(cx);
     }
 
