@@ -434,6 +434,22 @@ impl Cx {
         self.configure(|settings| settings.mode = mode)
     }
 
+    /// Makes the next round of a [`Synced`](TimingMode::Synced) loop a tick, begun without waiting; twice in a
+    /// round it is one tick. In every other mode it does nothing. A satellite calls it for the ticks of the hub;
+    /// a driver may for those of a device.
+    ///
+    /// ```
+    /// use sk_core::prelude::*;
+    /// let mut app = SkApp::builder().mode(TimingMode::Synced).build()?;
+    /// app.cx().sync_tick();
+    /// app.pulse();
+    /// assert_eq!(app.cx().pulse().number, 1);
+    /// # Ok::<(), AppError>(())
+    /// ```
+    pub fn sync_tick(&mut self) {
+        self.pacing.sync_ticked = self.settings.mode == TimingMode::Synced;
+    }
+
     /// Changes the fast interval, from the next round on. A slow interval below it is raised to it.
     ///
     /// # Errors

@@ -53,6 +53,9 @@ impl Cx {
         if let Some(due) = due.filter(|_| tick) {
             self.measures.wake_error.record(began.since(due));
         }
+        if self.settings.mode == TimingMode::Synced {
+            self.note_sync(tick, began);
+        }
         let mut laps = Laps { last: began, longest: (Duration::ZERO, Step::Tick) };
         let queued_before = self.queue.len();
         self.measures.queue_depth_max = self.measures.queue_depth_max.max(queued_before);

@@ -3,6 +3,7 @@
 use super::super::delivery::DropReason;
 use super::super::{ChannelKind, ChannelRef, Properties, Value};
 use bytes::Bytes;
+use std::time::Duration;
 use thiserror::Error;
 
 /// What a satellite knows of a channel.
@@ -20,6 +21,25 @@ pub struct ChannelInfo {
     pub name: String,
     /// What its owner says about it.
     pub properties: Properties,
+}
+
+/// How a target of a sync channel keeps up, as the hub measures it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TickReport {
+    /// The sync channel.
+    pub channel: ChannelRef,
+    /// The connection of the target.
+    pub target: u64,
+    /// Whether that is this satellite's own.
+    pub is_own: bool,
+    /// From the hub's sending of a tick to the target's being done with it, the longest since the last report.
+    pub lag: Duration,
+    /// Ticks done in time since the subscription began.
+    pub done: u64,
+    /// Ticks missed since then: left out by the source, or not done before the next one.
+    pub missed: u64,
+    /// Which ticks the target gets now: every one, every second, every fourth.
+    pub divisor: u8,
 }
 
 /// An event of a satellite.
@@ -119,6 +139,15 @@ pub enum SatelliteEvent {
         /// The answer.
         payload: Bytes,
     },
+    /// A tick of a sync channel that is followed.
+    Tick {
+        /// Which.
+        channel: ChannelRef,
+        /// To be said in [`SatelliteCore::tick_done`](super::SatelliteCore::tick_done) after the pulse.
+        sequence: u64,
+    },
+    /// How a target of a sync channel keeps up: this satellite, or one that follows it.
+    TickReport(TickReport),
     /// Messages of a subscription did not come.
     Dropped {
         /// Of which channel.

@@ -7,9 +7,10 @@ use super::super::limits::{FRAGMENT_BYTES_MIN, MAGIC, VERSION, VERSION_OLDEST};
 use super::super::{ChannelRef, Command, Event, Flags, Form, Tagged};
 use super::sending::Stream;
 use super::services::{Asked, Incoming};
-use super::{ChannelInfo, Credentials, Own, SatelliteCore, SatelliteEvent, latest};
+use super::{ChannelInfo, Credentials, Own, SatelliteCore, SatelliteEvent, TickReport, latest};
 use bytes::Bytes;
 use sk_flat::Name;
+use std::time::Duration;
 
 impl SatelliteCore {
     pub(super) fn on_event(&mut self, tagged: Tagged<Event>) -> Result<(), ProtocolError> {
@@ -66,6 +67,21 @@ impl SatelliteCore {
             Event::Request { channel, request, asker, payload } => {
                 self.on_request(flags, Asked { channel, request, asker }, payload)?;
             }
+            Event::Tick { channel, sequence } => {
+                self.events.push_back(SatelliteEvent::Tick { channel, sequence });
+            }
+            Event::TickReport { channel, target, lag_ns, done, missed, divisor } => {
+                let report = TickReport {
+                    channel,
+                    target,
+                    is_own: target == self.connection,
+                    lag: Duration::from_nanos(lag_ns),
+                    done,
+                    missed,
+                    divisor,
+                };
+                self.events.push_back(SatelliteEvent::TickReport(report));
+            }
             Event::RequestOver { request } => self.on_request_over(request),
             Event::Reply { more, payload } => self.on_reply(tag, flags, more, payload)?,
             Event::Refused { code, text } => {
@@ -80,8 +96,6 @@ impl SatelliteCore {
             | Event::Detached { .. }
             | Event::Latest { .. }
             | Event::Credit { .. }
-            | Event::Tick { .. }
-            | Event::TickReport { .. }
             | Event::BlobResume { .. }
             | Event::BlobListed { .. }
             | Event::BlobEntry { .. }
@@ -169,6 +183,7 @@ impl SatelliteCore {
             let command = latest(channel, *depth);
             self.send(&command);
         }
+        self.follow_if_wanted(&info);
         self.events.push_back(SatelliteEvent::ChannelAdded(info));
         if created {
             self.own.insert(channel, Own { listened: false, next_message: 0 });

@@ -9,10 +9,12 @@ mod event;
 mod incoming;
 mod sending;
 mod services;
+mod sync;
 #[cfg(test)]
 mod tests;
 
-pub use event::{ChannelInfo, SatelliteError, SatelliteEvent};
+pub use event::{ChannelInfo, SatelliteError, SatelliteEvent, TickReport};
+pub use sync::Divisor;
 
 use super::definition::Encoded;
 use super::error::ProtocolError;
@@ -65,6 +67,8 @@ pub struct SatelliteCore {
     own: FxHashMap<ChannelRef, Own>,
     /// Names that the user wants to hear, with the depth.
     wanted: BTreeMap<String, u16>,
+    /// Names of sync channels to be followed.
+    followed: BTreeMap<String, Divisor>,
     /// Names whose creation was asked, by tag.
     creating: BTreeMap<u32, String>,
     gathering: Gathering<Incoming>,
@@ -108,6 +112,7 @@ impl SatelliteCore {
             names: BTreeMap::new(),
             own: FxHashMap::default(),
             wanted: BTreeMap::new(),
+            followed: BTreeMap::new(),
             creating: BTreeMap::new(),
             gathering: Gathering::default(),
             calls: BTreeSet::new(),

@@ -104,7 +104,7 @@ impl SkFlowSat {
     }
 
     pub(crate) fn answer(&mut self, cx: &mut Cx, request: &Request, payload: Bytes, more: bool) -> bool {
-        let said = self.to_asker(request, |core| core.answer(request.id, payload, more));
+        let said = self.say(request, |core| core.answer(request.id, payload, more));
         if said && !more {
             self.services.asked.remove(&request.id);
         }
@@ -113,7 +113,7 @@ impl SkFlowSat {
     }
 
     pub(crate) fn decline(&mut self, cx: &mut Cx, request: &Request, text: &str) -> bool {
-        let said = self.to_asker(request, |core| core.decline(request.id, text));
+        let said = self.say(request, |core| core.decline(request.id, text));
         if said {
             self.services.asked.remove(&request.id);
         }
@@ -121,15 +121,15 @@ impl SkFlowSat {
         said
     }
 
-    fn to_asker(
+    fn say(
         &mut self,
         request: &Request,
-        say: impl FnOnce(&mut SatelliteCore) -> Result<(), SatelliteError>,
+        what: impl FnOnce(&mut SatelliteCore) -> Result<(), SatelliteError>,
     ) -> bool {
         let Some(core) = self.core.as_mut().filter(|_| request.link == self.link_number) else {
             return false;
         };
-        match say(core) {
+        match what(core) {
             Ok(()) => true,
             Err(SatelliteError::NoRequest(_)) => false,
             Err(error) => {
