@@ -421,6 +421,7 @@ impl Cx {
         settings.check()?;
         if (settings.mode, settings.interval) != (self.settings.mode, self.settings.interval) {
             self.pacing.changed = true;
+            self.pacing.sync_ticked &= settings.mode == TimingMode::Synced;
         }
         self.settings = settings;
         Ok(())
@@ -447,7 +448,11 @@ impl Cx {
     /// # Ok::<(), AppError>(())
     /// ```
     pub fn sync_tick(&mut self) {
-        self.pacing.sync_ticked = self.settings.mode == TimingMode::Synced;
+        if self.settings.mode == TimingMode::Synced {
+            self.pacing.sync_ticked = true;
+            // In simulation the wait may have been decided before: this ends it.
+            self.planned = None;
+        }
     }
 
     /// Changes the fast interval, from the next round on. A slow interval below it is raised to it.

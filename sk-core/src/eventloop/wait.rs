@@ -124,7 +124,6 @@ impl Cx {
             self.pacing.changed = false;
             self.pacing.next_due = self.world.clock.now();
             self.pacing.sync_since = self.pacing.next_due;
-            self.pacing.sync_ticked &= self.settings.mode == TimingMode::Synced;
             self.measures.restart();
         }
         match self.settings.mode {

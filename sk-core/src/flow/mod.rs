@@ -44,6 +44,7 @@ pub use frame::{Flags, Header};
 pub use inbound::Inbound;
 pub use kinds::{ChannelKind, Policy};
 pub use message::{Flow, FlowMessage};
+pub use satellite::{Divisor, TickReport};
 pub use service::{Request, Service};
 pub use sk_flow_sat::SkFlowSat;
 pub use sk_flow_server::SkFlowServer;

@@ -55,6 +55,7 @@ fn tell(cx: &mut Cx, satellite: Handle<SkFlowSat>, event: SatelliteEvent) {
                 cx.emit_own(satellite, |s| &s.refused, &text);
             }
         }
+        SatelliteEvent::TickReport(report) => cx.emit_own(satellite, |s| &s.sync_report, &report),
         _ => {}
     }
 }

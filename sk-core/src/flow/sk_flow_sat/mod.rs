@@ -3,10 +3,11 @@
 mod commands;
 mod events;
 mod services;
+mod sync;
 
 pub(crate) use services::doc_or_map;
 
-use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteError, SatelliteEvent};
+use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteError, SatelliteEvent, TickReport};
 use super::transport::{Broken, Core, Link, PipeSeed, TURN_BYTES_MAX, Turn};
 use super::wire::Slices;
 use super::{ChannelRef, Encoded, FlowMessage, HubAddress};
@@ -68,6 +69,7 @@ pub struct SkFlowSat {
     /// All channels, in step with the events that were told.
     heard: BTreeMap<ChannelRef, Rc<ChannelInfo>>,
     services: services::Services,
+    sync: sync::Sync,
     /// How many links there have been.
     link_number: u64,
     call_timer: Handle<Timer>,
@@ -95,6 +97,10 @@ pub struct SkFlowSat {
     pub channel_removed: Signal<ChannelInfo>,
     /// The hub refused a command; carries the hub's words.
     pub refused: Signal<String>,
+    /// This loop follows a sync channel from now on, or not any more.
+    pub synced: Signal<bool>,
+    /// How a target of a sync channel keeps up: this satellite, or one that follows it. At most once a second.
+    pub sync_report: Signal<TickReport>,
     /// Messages of a subscription were dropped: the channel's full name, the reason, and how many for that
     /// reason since the subscription began.
     pub dropped: Signal<(String, String, u64)>,
@@ -111,9 +117,11 @@ crate::object! {
             channel_added(&ChannelInfo)
             channel_removed(&ChannelInfo)
             refused(String)
+            synced(bool)
+            sync_report(TickReport)
             dropped(String, String, u64)
         }
-        slots { on_check() on_reconnect() on_call_deadline() }
+        slots { on_check() on_reconnect() on_call_deadline() on_source_tick() }
         hooks { on_destroy }
     }
 }
@@ -223,6 +231,7 @@ impl SkFlowSat {
                 wanted: BTreeMap::new(),
                 heard: BTreeMap::new(),
                 services: services::Services::default(),
+                sync: sync::Sync::default(),
                 link_number: 0,
                 call_timer,
                 reconnect,
@@ -238,6 +247,8 @@ impl SkFlowSat {
                 channel_added: Signal::new(),
                 channel_removed: Signal::new(),
                 refused: Signal::new(),
+                synced: Signal::new(),
+                sync_report: Signal::new(),
                 dropped: Signal::new(),
             }
         })
@@ -295,6 +306,7 @@ impl SkFlowSat {
         }
         self.heard.clear();
         self.end_services(cx);
+        self.end_sync(cx);
         if matches!(self.way, Way::Address { .. }) {
             // The timer is this object's child and lives as long as it.
             let _ = self.reconnect.start_once(cx, self.reconnect_after);
@@ -338,7 +350,14 @@ impl SkFlowSat {
 
     fn flush_later(&mut self, cx: &mut Cx) {
         let has_output = self.waiting.is_some() || self.core.as_ref().is_some_and(SatelliteCore::has_output);
-        if has_output && !std::mem::replace(&mut self.flush_asked, true) {
+        if has_output {
+            self.flush_in_next_round(cx);
+        }
+    }
+
+    /// In step 7, of the next round if this round's has come.
+    fn flush_in_next_round(&mut self, cx: &mut Cx) {
+        if !std::mem::replace(&mut self.flush_asked, true) {
             let this = cx.this(self);
             cx.write_later(this.id(), flush);
         }
@@ -347,6 +366,7 @@ impl SkFlowSat {
     /// Step 7.
     fn flush(&mut self, cx: &mut Cx) {
         self.flush_asked = false;
+        self.finish_pulses(cx);
         let now = cx.now();
         let (Some(core), Some(mut link)) = (&mut self.core, self.link.take()) else { return };
         let turn = link.write(cx, &mut Side { core, now, waiting: &mut self.waiting });
@@ -392,6 +412,7 @@ impl SkFlowSat {
     /// Takes the next event and does the bookkeeping for it.
     fn next_event(&mut self, cx: &mut Cx) -> Option<SatelliteEvent> {
         let event = self.core.as_mut()?.next_event()?;
+        self.note_sync(cx, &event);
         match &event {
             SatelliteEvent::Ready => self.restore(cx),
             SatelliteEvent::Created { channel, name, .. } => {
@@ -399,6 +420,7 @@ impl SkFlowSat {
                     own.channel = Some(*channel);
                 }
                 self.service_created(own_name(name), *channel);
+                self.sync_created(own_name(name), *channel);
             }
             SatelliteEvent::ChannelAdded(info) => {
                 self.heard.insert(info.channel, Rc::new(info.clone()));
@@ -427,6 +449,7 @@ impl SkFlowSat {
             }
         }
         self.restore_services(cx);
+        self.restore_sync();
         self.flush_later(cx);
     }
 
