@@ -76,6 +76,24 @@ pub const SHARED_PAYLOAD_BYTES_MIN: usize = 1024;
 /// The work, in units of the table's cost column, that one connection may cause in one turn.
 pub const TURN_COST_MAX: u32 = 256;
 
+/// How many variables one database holds.
+pub const DATABASE_KEYS_MAX: usize = 100_000;
+/// What keys and values of one database take together.
+pub const DATABASE_BYTES_MAX: usize = 64 * 1024 * 1024;
+/// How many databases of one account are there without their flow or channel: those created by name, and those
+/// that were saved.
+pub const DATABASES_PER_ACCOUNT_MAX: usize = 64;
+/// What all databases of one account take together.
+pub const ACCOUNT_BYTES_MAX: usize = DATABASES_PER_ACCOUNT_MAX * DATABASE_BYTES_MAX;
+/// How many variables all databases of one account have together.
+pub const ACCOUNT_KEYS_MAX: usize = DATABASES_PER_ACCOUNT_MAX * DATABASE_KEYS_MAX;
+/// How many deletions a database remembers for those who watch it.
+pub const DELETIONS_KEPT_MAX: usize = 1_024;
+/// How many watches one flow may have.
+pub const WATCHES_PER_FLOW_MAX: usize = 256;
+/// How many changes of one flow may wait for the disk; its further commands wait meanwhile.
+pub const UNSAVED_PER_FLOW_MAX: usize = 1_024;
+
 /// How many connections a hub serves at once.
 pub const CONNECTIONS_MAX: usize = 16_384;
 /// How many connections may be open at once without a login.

@@ -14,6 +14,7 @@
 mod call;
 pub mod channel;
 pub mod codec;
+pub mod database;
 pub mod definition;
 pub mod delivery;
 pub mod error;
@@ -50,5 +51,5 @@ pub use sk_flow_sat::SkFlowSat;
 pub use sk_flow_server::SkFlowServer;
 pub use state::State;
 pub use table::{Command, Event};
-pub use transport::{AddressError, HubAddress, PipeSeed};
+pub use transport::{AddressError, FLOW_PATH, HubAddress, PipeSeed};
 pub use value::{Form, Properties, Value};

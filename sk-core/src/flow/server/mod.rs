@@ -12,6 +12,7 @@
 //! Once a round the loop calls [`ServerCore::work`] for commands that waited for their turn and
 //! [`ServerCore::tick`] for deadlines.
 
+mod books;
 mod channels;
 mod connection;
 mod deadlines;

@@ -118,6 +118,13 @@ impl Output {
         self.slots.contains_key(&channel)
     }
 
+    /// Every subscription with its counts.
+    pub(super) fn books(&self) -> impl Iterator<Item = (ChannelRef, &Counts)> {
+        self.subscriptions
+            .iter()
+            .map(|(_, subscription)| (subscription.channel, subscription.book.counts()))
+    }
+
     pub(super) fn subscriptions(&self) -> usize {
         self.subscriptions.len()
     }
