@@ -57,6 +57,9 @@ impl Cx {
         self.pulse.due = due.unwrap_or(began);
         self.pulse.interval = self.settings.interval;
         self.measures.rounds += 1;
+        if self.settings.mode == TimingMode::Synced {
+            self.note_sync(tick, began);
+        }
         let mut laps = Laps { last: began, longest: (Duration::ZERO, Step::Tick) };
         let queued_before = self.queue.len();
         if tick && self.tick(began) {

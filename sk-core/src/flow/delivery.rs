@@ -21,6 +21,8 @@ pub struct Outgoing {
     channel: ChannelRef,
     message: u32,
     charge: usize,
+    /// It goes before what waits of other channels.
+    is_tick: bool,
     fragments: Arc<[Fragment]>,
 }
 
@@ -39,7 +41,19 @@ impl Outgoing {
             Fragment::new(channel, message, Flags::of(index == 0, index + 1 == count), payload)
         };
         let fragments = pieces.into_iter().enumerate().map(fragment).collect();
-        Outgoing { channel, message, charge, fragments }
+        Outgoing { channel, message, charge, is_tick: false, fragments }
+    }
+
+    /// Encodes a tick of a sync channel.
+    pub fn tick(channel: ChannelRef, sequence: u64) -> Outgoing {
+        let frame = Event::Tick { channel, sequence }.encode(0, Flags::NONE);
+        let fragments = Arc::new([Fragment { payload: Bytes::new(), frame }]);
+        Outgoing { channel, message: 0, charge: ITEM_OVERHEAD_BYTES, is_tick: true, fragments }
+    }
+
+    /// Whether it goes before what waits of other channels: a tick is small, and late it is worth nothing.
+    pub fn is_tick(&self) -> bool {
+        self.is_tick
     }
 
     /// What it is charged to a connection while it waits: its payload and a little for each fragment.
@@ -273,7 +287,7 @@ impl Book {
             Some(begun) => begun,
             None => Begun { message: self.next_waiting()?, fragment: 0, offset: 0 },
         };
-        let Outgoing { channel, message, charge, ref fragments } = begun.message;
+        let Outgoing { channel, message, charge, ref fragments, .. } = begun.message;
         let fragment = &fragments[begun.fragment];
         let left = fragment.payload.len() - begun.offset;
         let ends_fragment = left <= payload_max;

@@ -1,6 +1,7 @@
 //! The hub's server as an object: listeners and links around a [`ServerCore`].
 
 mod doors;
+mod services;
 
 use super::server::{ConnectionId, Notice, Origin, ServerCore, Settings, TooManyConnections};
 use super::transport::{Broken, Core, Link, PipeEnd, PipeSeed, StreamLink, TURN_BYTES_MAX, Turn};
@@ -59,6 +60,8 @@ pub struct SkFlowServer {
     leaving: Vec<ConnectionId>,
     /// Room for the links of one flush.
     flushing: Vec<Token>,
+    /// What the hub serves itself.
+    services: services::Services,
     ending: Option<Ending>,
     out_of_descriptors: bool,
     flush_asked: bool,
@@ -87,7 +90,7 @@ struct Served {
 crate::object! {
     pub SkFlowServer {
         signals { logged_in(String) channel_added(String) channel_removed(String) ended() }
-        slots { on_check() }
+        slots { on_check() on_request_deadline() }
         hooks { on_destroy }
     }
 }
@@ -138,6 +141,8 @@ impl SkFlowServer {
         cx.named("flow_server").spawn_with(|cx, this: Handle<SkFlowServer>| {
             let timer = cx.under(this).spawn(Timer::default());
             attach!(cx, timer.timeout => this.on_check);
+            let request_timer = cx.under(this).spawn(Timer::default());
+            attach!(cx, request_timer.timeout => this.on_request_deadline);
             // The timer was made just now and is no more gone than this object.
             let _ = timer.start(cx, CHECK_EVERY);
             SkFlowServer {
@@ -151,6 +156,7 @@ impl SkFlowServer {
                 unfinished: Vec::new(),
                 leaving: Vec::new(),
                 flushing: Vec::new(),
+                services: services::Services::new(request_timer),
                 ending: None,
                 out_of_descriptors: false,
                 flush_asked: false,
@@ -299,6 +305,7 @@ impl SkFlowServer {
             served.held
         });
         self.end_in_turn(cx);
+        self.watch_request_deadlines(cx);
         if self.core.has_work() {
             cx.offer_source(self.work_token);
         }
@@ -334,6 +341,10 @@ impl SkFlowServer {
             Notice::ChannelRemoved { name, .. } => {
                 self.tell(cx, |server| &server.channel_removed, name.to_string());
             }
+            Notice::Request { channel, request, asker, payload } => {
+                self.on_request(cx, channel, request, asker, payload);
+            }
+            Notice::RequestOver { request } => self.on_request_over(cx, request),
             _ => {}
         }
     }

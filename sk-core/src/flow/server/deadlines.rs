@@ -23,6 +23,7 @@ impl ServerCore {
         for id in self.connections.ids() {
             self.check(id);
         }
+        self.report_ticks();
         self.settle();
     }
 

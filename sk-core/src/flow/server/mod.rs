@@ -22,6 +22,8 @@ mod output;
 mod publish;
 mod requests;
 mod services;
+mod sync;
+mod sync_target;
 mod talk;
 #[cfg(test)]
 mod tests;
@@ -48,7 +50,8 @@ use connection::{Connection, Connections};
 use notice::LogLimit;
 use requests::Requests;
 use sk_flat::{Instant, Name};
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use sync::Clock;
 use thiserror::Error;
 
 /// How a hub lets people in.
@@ -126,6 +129,8 @@ pub struct ServerCore {
     /// Those of them that the hub itself is to answer.
     serving: BTreeSet<RequestId>,
     unmatched_answers: u64,
+    /// The sync channels and their targets.
+    clocks: BTreeMap<ChannelRef, Clock>,
     spurious: u64,
     log: LogLimit,
     now: Instant,
@@ -151,6 +156,7 @@ impl ServerCore {
             requests: Requests::default(),
             serving: BTreeSet::new(),
             unmatched_answers: 0,
+            clocks: BTreeMap::new(),
             spurious: 0,
             log: LogLimit::new(LOG_LINES_PER_SECOND_MAX),
             now,

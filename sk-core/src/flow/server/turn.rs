@@ -127,6 +127,11 @@ impl ServerCore {
             Command::Publish { channel, message, payload } => {
                 self.publish(id, tag, flags, super::publish::Piece { channel, message, payload })?;
             }
+            Command::CreateSync { name, properties } => {
+                self.create_channel(id, tag, ChannelKind::Sync, &name, properties);
+            }
+            Command::SyncTick { channel, sequence } => self.sync_tick(id, tag, channel, sequence)?,
+            Command::TickDone { channel, sequence } => self.tick_done(id, channel, sequence)?,
             Command::CreateService { name, properties } => {
                 self.create_channel(id, tag, ChannelKind::Service, &name, properties);
             }

@@ -2,8 +2,12 @@
 
 mod commands;
 mod events;
+mod services;
+mod sync;
 
-use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteError, SatelliteEvent};
+pub(crate) use services::doc_or_map;
+
+use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteError, SatelliteEvent, TickReport};
 #[cfg(feature = "tls")]
 use super::transport::TlsTrust;
 use super::transport::{Broken, Core, Destination, Link, PipeSeed, TURN_BYTES_MAX, Turn, dial};
@@ -67,6 +71,11 @@ pub struct SkFlowSat {
     wanted: BTreeMap<String, u16>,
     /// All channels, in step with the events that were told.
     heard: BTreeMap<ChannelRef, Rc<ChannelInfo>>,
+    services: services::Services,
+    sync: sync::Sync,
+    /// How many links there have been.
+    link_number: u64,
+    call_timer: Handle<Timer>,
     reconnect: Handle<Timer>,
     reconnect_after: Duration,
     losses: u64,
@@ -91,6 +100,10 @@ pub struct SkFlowSat {
     pub channel_removed: Signal<ChannelInfo>,
     /// The hub refused a command; carries the hub's words.
     pub refused: Signal<String>,
+    /// This loop follows a sync channel from now on, or not any more.
+    pub synced: Signal<bool>,
+    /// How a target of a sync channel keeps up: this satellite, or one that follows it. At most once a second.
+    pub sync_report: Signal<TickReport>,
     /// Messages of a subscription were dropped: the channel's full name, the reason, and how many for that
     /// reason since the subscription began.
     pub dropped: Signal<(String, String, u64)>,
@@ -107,9 +120,11 @@ crate::object! {
             channel_added(&ChannelInfo)
             channel_removed(&ChannelInfo)
             refused(String)
+            synced(bool)
+            sync_report(TickReport)
             dropped(String, String, u64)
         }
-        slots { on_check() on_reconnect() }
+        slots { on_check() on_reconnect() on_call_deadline() on_source_tick() }
         hooks { on_destroy }
     }
 }
@@ -218,6 +233,8 @@ impl SkFlowSat {
         cx.spawn_with(|cx, this: Handle<SkFlowSat>| {
             let reconnect = cx.under(this).spawn(Timer::default());
             let check = cx.under(this).spawn(Timer::default());
+            let call_timer = cx.under(this).spawn(Timer::default());
+            attach!(cx, call_timer.timeout => this.on_call_deadline);
             attach!(cx, reconnect.timeout => this.on_reconnect);
             attach!(cx, check.timeout => this.on_check);
             // The timer was made just now and is no more gone than this object.
@@ -233,6 +250,10 @@ impl SkFlowSat {
                 own: BTreeMap::new(),
                 wanted: BTreeMap::new(),
                 heard: BTreeMap::new(),
+                services: services::Services::default(),
+                sync: sync::Sync::default(),
+                link_number: 0,
+                call_timer,
                 reconnect,
                 reconnect_after: RECONNECT_FIRST,
                 losses: 0,
@@ -246,6 +267,8 @@ impl SkFlowSat {
                 channel_added: Signal::new(),
                 channel_removed: Signal::new(),
                 refused: Signal::new(),
+                synced: Signal::new(),
+                sync_report: Signal::new(),
                 dropped: Signal::new(),
             }
         })
@@ -279,6 +302,7 @@ impl SkFlowSat {
     fn begin(&mut self, cx: &mut Cx, link: Box<dyn Link>, token: Token, credentials: Credentials) {
         let mut nonce = [0; 32];
         cx.world().rng.fill(&mut nonce);
+        self.link_number += 1;
         let core = SatelliteCore::flow(credentials, nonce, cx.now());
         self.core = Some(match link.fragment_bytes_max() {
             Some(bytes_max) => core.with_fragments_of(bytes_max),
@@ -305,6 +329,8 @@ impl SkFlowSat {
             own.channel = None;
         }
         self.heard.clear();
+        self.end_services(cx);
+        self.end_sync(cx);
         if matches!(self.way, Way::Address { .. }) {
             // The timer is this object's child and lives as long as it.
             let _ = self.reconnect.start_once(cx, self.reconnect_after);
@@ -348,7 +374,14 @@ impl SkFlowSat {
 
     fn flush_later(&mut self, cx: &mut Cx) {
         let has_output = self.waiting.is_some() || self.core.as_ref().is_some_and(SatelliteCore::has_output);
-        if has_output && !std::mem::replace(&mut self.flush_asked, true) {
+        if has_output {
+            self.flush_in_next_round(cx);
+        }
+    }
+
+    /// In step 7, of the next round if this round's has come.
+    fn flush_in_next_round(&mut self, cx: &mut Cx) {
+        if !std::mem::replace(&mut self.flush_asked, true) {
             let this = cx.this(self);
             cx.write_later(this.id(), flush);
         }
@@ -357,6 +390,7 @@ impl SkFlowSat {
     /// Step 7.
     fn flush(&mut self, cx: &mut Cx) {
         self.flush_asked = false;
+        self.finish_pulses(cx);
         let now = cx.now();
         let (Some(core), Some(mut link)) = (&mut self.core, self.link.take()) else { return };
         let turn = link.write(cx, &mut Side { core, now, waiting: &mut self.waiting });
@@ -401,15 +435,19 @@ impl SkFlowSat {
     /// Takes the next event and does the bookkeeping for it.
     fn next_event(&mut self, cx: &mut Cx) -> Option<SatelliteEvent> {
         let event = self.core.as_mut()?.next_event()?;
+        self.note_sync(cx, &event);
         match &event {
             SatelliteEvent::Ready => self.restore(cx),
             SatelliteEvent::Created { channel, name, .. } => {
                 if let Some(own) = self.own.get_mut(own_name(name)) {
                     own.channel = Some(*channel);
                 }
+                self.service_created(own_name(name), *channel);
+                self.sync_created(own_name(name), *channel);
             }
             SatelliteEvent::ChannelAdded(info) => {
                 self.heard.insert(info.channel, Rc::new(info.clone()));
+                self.send_waiting(cx, Some(&info.name));
             }
             SatelliteEvent::ChannelRemoved(info) => {
                 self.heard.remove(&info.channel);
@@ -433,6 +471,8 @@ impl SkFlowSat {
                 tracing::error!("channel {name} cannot be subscribed to: {error}");
             }
         }
+        self.restore_services(cx);
+        self.restore_sync();
         self.flush_later(cx);
     }
 

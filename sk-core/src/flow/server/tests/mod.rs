@@ -6,6 +6,7 @@ mod delivery;
 mod login;
 mod service_limits;
 mod services;
+mod sync;
 
 use super::super::limits::*;
 use super::super::satellite::{Credentials, SatelliteCore, SatelliteEvent};
