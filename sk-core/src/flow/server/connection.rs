@@ -6,7 +6,9 @@ use super::super::fragment::Gathering;
 use super::super::inbound::Inbound;
 use super::super::login::Nonce;
 use super::super::{ChannelRef, Command, Form};
+use super::databases::Desk;
 use super::output::Output;
+use super::telling::Telling;
 use sk_flat::{Instant, Name};
 use std::collections::VecDeque;
 use std::fmt;
@@ -74,17 +76,14 @@ pub enum Ending {
     Spurious(ProtocolError),
 }
 
-/// The answer to `list_channels` or `set_async` while it is being given.
-#[derive(Clone, Copy, Debug)]
+/// An answer of many lines while it is being given: to `list_channels`, `set_async`, `db_all` and such.
+#[derive(Clone, Debug)]
 pub(super) struct Replay {
     pub(super) tag: u32,
-    /// The form of the properties.
+    /// The form of the values.
     pub(super) form: Form,
-    /// Whether it is the beginning of a flow.
-    pub(super) begins_flow: bool,
-    /// The lowest identifier that has not been told.
-    pub(super) next: u16,
     pub(super) told: u32,
+    pub(super) what: Telling,
 }
 
 /// All that a hub keeps of one connection.
@@ -106,6 +105,7 @@ pub(super) struct Connection {
     pub(super) gathering: Gathering,
     pub(super) owned: Vec<ChannelRef>,
     pub(super) replay: Option<Replay>,
+    pub(super) desk: Desk,
     /// Whether it waits for a turn.
     pub(super) queued: bool,
     /// Whether it is listed as having something to write.
@@ -141,6 +141,7 @@ impl Connection {
             gathering: Gathering::default(),
             owned: Vec::new(),
             replay: None,
+            desk: Desk::default(),
             queued: false,
             dirty: false,
             opened: now,
@@ -155,20 +156,32 @@ impl Connection {
 
     /// The next command, whether it came as bytes or from inside.
     pub(super) fn next_command(&mut self) -> Result<Option<Tagged<Command>>, ProtocolError> {
+        if let Some(again) = self.desk.take_again() {
+            return Ok(Some(again));
+        }
         match self.inbound.next()? {
             Some(command) => Ok(Some(command)),
             None => self.parts.pop_front().map(|frame| self.inbound.accept(frame)).transpose(),
         }
     }
 
-    /// Whether commands must wait: the connection ends, a list is being told, or its answers pile up.
+    /// Whether commands must wait: the connection ends, a list is being told, its answers pile up, or it waits
+    /// for the disk.
     pub(super) fn is_held(&self) -> bool {
-        self.closing.is_some() || self.replay.is_some() || self.output.answers_pile_up()
+        self.closing.is_some()
+            || self.replay.is_some()
+            || self.output.answers_pile_up()
+            || self.desk.is_held()
+    }
+
+    /// Whether something is to be sent.
+    pub(super) fn has_output(&self) -> bool {
+        !self.output.is_empty() || self.replay.is_some() || self.desk.has_news()
     }
 
     /// Whether input waits that has not been looked at.
     pub(super) fn has_input(&self) -> bool {
-        self.inbound.pending() > 0 || !self.parts.is_empty()
+        self.inbound.pending() > 0 || !self.parts.is_empty() || self.desk.has_again()
     }
 }
 

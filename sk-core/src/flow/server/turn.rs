@@ -125,6 +125,21 @@ impl ServerCore {
             Command::Publish { channel, message, payload } => {
                 self.publish(id, tag, flags, super::publish::Piece { channel, message, payload })?;
             }
+            message @ (Command::DbSelect { .. }
+            | Command::DbCreate { .. }
+            | Command::DbExists { .. }
+            | Command::DbRemove { .. }
+            | Command::DbSave {}
+            | Command::DbLoad {}
+            | Command::DbList { .. }
+            | Command::VarSet { .. }
+            | Command::VarGet { .. }
+            | Command::VarHas { .. }
+            | Command::VarDelete { .. }
+            | Command::DbKeys { .. }
+            | Command::DbAll { .. }
+            | Command::Watch { .. }
+            | Command::Unwatch { .. }) => self.database_command(id, tag, message),
             message => self.not_offered(id, tag, flags, &message),
         }
         Ok(())
