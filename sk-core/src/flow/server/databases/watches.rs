@@ -57,11 +57,7 @@ impl ServerCore {
         let open = self.databases.open_mut(name)?;
         open.watchers.push(Watcher { connection: id.wire(), tag });
         let until = open.pairs.sequence();
-        let stage = if after != 0 && open.pairs.knows_since(after) {
-            Stage::Missed { until }
-        } else {
-            Stage::All { after: None, until }
-        };
+        let stage = if after == 0 { Stage::All { after: None, until } } else { Stage::Missed { until } };
         let (database, prefix) = (name.clone(), prefix.into());
         connection.desk.watches.push(Watch {
             tag,
@@ -172,7 +168,7 @@ impl Watch {
             return Some(Event::Watching { sequence: self.cursor, whole: 1 });
         }
         if !pairs.knows_since(self.cursor) {
-            // So much was deleted that it is not known any more what. All that there is follows, so that the
+            // So much was deleted that it is not known any more what, or the number is of another run. All that there is follows, so that the
             // watcher finds out what is gone; with 0 he knows nothing that he could go on from until then.
             self.stage = Stage::All { after: None, until: pairs.sequence() };
             return Some(Event::Watching { sequence: 0, whole: 0 });
