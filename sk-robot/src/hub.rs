@@ -2,6 +2,7 @@
 
 use crate::owner::{self, TokenFileError};
 use crate::places::{Places, PlacesError};
+use sk_core::flow::database::disk::{Store, StoreError};
 use sk_core::flow::server::Settings;
 use sk_core::flow::{Flow, HubAddress, Rights, SkFlowSat, SkFlowServer};
 use sk_core::module::{AbstractModule, AnyRunner, Modules, RestartPolicy, Runner};
@@ -68,6 +69,9 @@ pub enum HubError {
     /// No owner's token.
     #[error(transparent)]
     Token(#[from] TokenFileError),
+    /// Its databases cannot be opened.
+    #[error(transparent)]
+    Databases(#[from] StoreError),
     /// It cannot listen.
     #[error("{address} is in use: another hub runs there; give this one another {option}")]
     Taken {
@@ -146,7 +150,7 @@ impl HubBuilder {
     }
 
     /// Starts the hub on this loop: makes the owner's token at first start, listens, and starts the modules.
-    /// Reads and writes a file: before the loop runs. A module that does not start is left out and told by
+    /// Reads and writes files: before the loop runs. A module that does not start is left out and told by
     /// [`Hub::failures`].
     ///
     /// # Errors
@@ -176,6 +180,11 @@ impl HubBuilder {
                 }
             }
         }
+        // Whoever has the addresses has the files, so that two hubs never write to one store.
+        if let Err(error) = keep_databases(cx, server, &places) {
+            cx.destroy_later(server);
+            return Err(error);
+        }
         let modules = Modules::spawn(cx);
         let mut satellites = Vec::new();
         for module in &self.modules {
@@ -194,6 +203,17 @@ impl HubBuilder {
             .collect();
         Ok(Hub { server, modules, satellites, addresses, places, failures })
     }
+}
+
+/// Opens the databases of this hub. Damaged ones are set aside and told of in the log.
+fn keep_databases(cx: &mut Cx, server: Handle<SkFlowServer>, places: &Places) -> Result<(), HubError> {
+    let opened = Store::open(cx.world().storage.clone(), places.databases())?;
+    if let Some(damage) = &opened.damage {
+        tracing::error!("{damage}");
+    }
+    server
+        .keep_databases(cx, opened.store, opened.saved)
+        .map_err(|error| HubError::Link(io::Error::other(error)))
 }
 
 impl Hub {

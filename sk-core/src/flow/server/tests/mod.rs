@@ -5,6 +5,8 @@ mod databases;
 mod deadlines;
 mod delivery;
 mod login;
+#[cfg(feature = "store")]
+mod stored;
 mod watches;
 
 use super::super::limits::*;
