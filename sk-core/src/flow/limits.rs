@@ -41,6 +41,15 @@ pub const SUBSCRIPTION_DEPTH_DEFAULT: u16 = 64;
 /// How many whole messages a subscription may ask to keep.
 pub const SUBSCRIPTION_DEPTH_MAX: u16 = 1_024;
 
+/// How many requests one connection may have open at services, those it is still sending included.
+pub const REQUESTS_PER_ASKER_MAX: usize = 64;
+/// How many open requests the services of one owner may have together; a hub's own services too.
+pub const REQUESTS_PER_OWNER_MAX: usize = 1_024;
+/// How long an answer may take if the call does not say otherwise.
+pub const DEADLINE_DEFAULT: Duration = Duration::from_secs(5);
+/// How long an answer may be waited for.
+pub const DEADLINE_MAX: Duration = Duration::from_secs(3_600);
+
 /// What may wait for one connection, payloads counted in full. Beyond it its messages are dropped.
 pub const CONNECTION_BYTES_MAX: usize = 32 * 1024 * 1024;
 /// What unfinished messages of one connection may hold together.
@@ -104,4 +113,5 @@ const _: () = {
     assert!(CHANNELS_MAX == i16::MAX as usize + 1 && CHANNELS_RESERVED_FOR_HUB < CHANNELS_MAX);
     assert!(PROPERTIES_JSON_BYTES_MAX < CONTROL_BYTES_MAX && VALUE_BYTES_MAX < CONTROL_BYTES_MAX / 2);
     assert!(VERSION_OLDEST <= VERSION);
+    assert!(REQUESTS_PER_ASKER_MAX < REQUESTS_PER_OWNER_MAX);
 };

@@ -46,5 +46,5 @@ pub use sk_flow_sat::SkFlowSat;
 pub use sk_flow_server::SkFlowServer;
 pub use state::State;
 pub use table::{Command, Event};
-pub use transport::{AddressError, HubAddress, PipeSeed};
+pub use transport::{AddressError, FLOW_PATH, HubAddress, PipeSeed};
 pub use value::{Form, Properties, Value};

@@ -157,7 +157,10 @@ impl PairDatabase {
     fn put(&mut self, key: &str, value: Value) {
         let before = self.get(key).map_or(0, |value| key.len() + value.encoded().len());
         self.bytes = self.bytes - before + key.len() + value.encoded().len();
-        let key = self.entries.get_key_value(key).map_or_else(|| key.into(), |(key, _)| key.clone());
+        let key = self
+            .entries
+            .get_key_value(key)
+            .map_or_else(|| key.into(), |(key, _)| key.clone());
         self.note(key, Some(value));
     }
 

@@ -47,7 +47,10 @@ impl Watcher {
     fn read(&mut self, database: &PairDatabase, changes_max: usize) {
         if !database.knows_since(self.cursor) {
             self.anew += 1;
-            self.known = database.iter("", None).map(|(key, value)| (key.to_string(), value.variant())).collect();
+            self.known = database
+                .iter("", None)
+                .map(|(key, value)| (key.to_string(), value.variant()))
+                .collect();
             self.cursor = database.sequence();
         }
         for _ in 0..changes_max {
