@@ -42,7 +42,7 @@ pub use frame::{Flags, Header};
 pub use inbound::Inbound;
 pub use kinds::{ChannelKind, Policy};
 pub use message::{Flow, FlowMessage};
-pub use sk_flow_sat::SkFlowSat;
+pub use sk_flow_sat::{FlowDatabase, SkFlowSat, Variable};
 pub use sk_flow_server::SkFlowServer;
 pub use state::State;
 pub use table::{Command, Event};

@@ -5,12 +5,14 @@
 //! references here: a subscription by name waits until the channel exists, and comes into force again when
 //! a channel of that name is opened anew.
 
+mod databases;
 mod event;
 mod incoming;
 mod sending;
 #[cfg(test)]
 mod tests;
 
+pub use databases::DatabaseInfo;
 pub use event::{ChannelInfo, SatelliteError, SatelliteEvent};
 
 use super::definition::Encoded;
@@ -67,6 +69,9 @@ pub struct SatelliteCore {
     creating: BTreeMap<u32, String>,
     gathering: Gathering,
     listed: Vec<ChannelInfo>,
+    /// Lists of other things under way, by the tags of their commands.
+    lists: BTreeMap<u32, databases::List>,
+    flow_name: Option<String>,
     events: VecDeque<SatelliteEvent>,
     next_tag: u32,
     lost: u64,
@@ -105,6 +110,8 @@ impl SatelliteCore {
             creating: BTreeMap::new(),
             gathering: Gathering::default(),
             listed: Vec::new(),
+            lists: BTreeMap::new(),
+            flow_name: None,
             events: VecDeque::new(),
             next_tag: 0,
             lost: 0,

@@ -1,7 +1,11 @@
 //! A satellite as an object: its link to a hub around a [`SatelliteCore`], and the way back when it breaks.
 
+mod clerk;
 mod commands;
+mod database;
 mod events;
+
+pub use database::{FlowDatabase, Variable};
 
 use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteError, SatelliteEvent};
 use super::transport::{Broken, Core, Link, PipeSeed, TURN_BYTES_MAX, Turn, dial};
@@ -64,6 +68,8 @@ pub struct SkFlowSat {
     wanted: BTreeMap<String, u16>,
     /// All channels, in step with the events that were told.
     heard: BTreeMap<ChannelRef, Rc<ChannelInfo>>,
+    /// Its dealings with databases.
+    clerk: clerk::Clerk,
     reconnect: Handle<Timer>,
     reconnect_after: Duration,
     losses: u64,
@@ -213,6 +219,7 @@ impl SkFlowSat {
                 own: BTreeMap::new(),
                 wanted: BTreeMap::new(),
                 heard: BTreeMap::new(),
+                clerk: clerk::Clerk::default(),
                 reconnect,
                 reconnect_after: RECONNECT_FIRST,
                 losses: 0,
@@ -281,6 +288,7 @@ impl SkFlowSat {
             own.channel = None;
         }
         self.heard.clear();
+        self.clerk.lose();
         if matches!(self.way, Way::Address { .. }) {
             // The timer is this object's child and lives as long as it.
             let _ = self.reconnect.start_once(cx, self.reconnect_after);
@@ -294,7 +302,10 @@ impl SkFlowSat {
             Way::Pipe => tracing::warn!("the hub of this process has ended: {why}"),
         }
         let this = cx.this(self);
-        cx.post_own(this, move |cx| cx.emit_own(this, |satellite| &satellite.lost, &why));
+        cx.post_own(this, move |cx| {
+            database::tell_told(cx, this);
+            cx.emit_own(this, |satellite| &satellite.lost, &why);
+        });
     }
 
     fn on_reconnect(&mut self, cx: &mut Cx) {
@@ -311,6 +322,9 @@ impl SkFlowSat {
             && let Err(error) = core.tick(now)
         {
             self.break_link(cx, error.to_string());
+        }
+        if let Some(core) = &mut self.core {
+            self.clerk.check(core);
         }
         self.flush_later(cx);
     }
@@ -376,7 +390,12 @@ impl SkFlowSat {
 
     /// Takes the next event and does the bookkeeping for it.
     fn next_event(&mut self, cx: &mut Cx) -> Option<SatelliteEvent> {
-        let event = self.core.as_mut()?.next_event()?;
+        let core = self.core.as_mut()?;
+        let mut event = core.next_event()?;
+        // What is about databases is told by their own objects.
+        while self.clerk.hear(core, &event) {
+            event = core.next_event()?;
+        }
         match &event {
             SatelliteEvent::Ready => self.restore(cx),
             SatelliteEvent::Created { channel, name, .. } => {
@@ -409,6 +428,10 @@ impl SkFlowSat {
                 tracing::error!("channel {name} cannot be subscribed to: {error}");
             }
         }
+        let (interval, mode) = (cx.settings().interval, cx.settings().mode);
+        self.clerk.introduce("pulse.interval_ms", &(interval.as_secs_f64() * 1000.0).into());
+        self.clerk.introduce("pulse.mode", &format!("{mode:?}").into());
+        self.clerk.restore(core);
         self.flush_later(cx);
     }
 
