@@ -1,6 +1,6 @@
-//! A satellite's dealings with databases: commands act on the connection's current database, so those for
-//! another one wait until the hub has said that it is selected. Watches and creations are repeated after a
-//! reconnection.
+//! A satellite's dealings with databases. Commands act on the connection's current database, so one for another
+//! database is preceded by a `db_select`; if that is refused, none is current and the command is refused too.
+//! Watches and creations are repeated after a reconnection.
 
 use super::database::{FlowDatabase, Variable};
 use crate::Cx;
@@ -11,7 +11,7 @@ use sk_flat::SkVariant;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::rc::Rc;
 
-/// How many commands may wait for their database or for a hub.
+/// How many commands may wait for a hub or its answers.
 pub(super) const COMMANDS_WAITING_MAX: usize = 4_096;
 /// Checks of the satellite, four a second, between two attempts at a watch.
 const CHECKS_BETWEEN_ATTEMPTS: u32 = 4;
@@ -33,6 +33,7 @@ pub(super) enum Order {
 enum Sent {
     /// Nobody wants to know.
     Quiet,
+    Select,
     Change(String),
     Get(Answer),
     Save,
@@ -73,9 +74,12 @@ const OWN: &str = "";
 pub(super) struct Clerk {
     entries: BTreeMap<Rc<str>, Entry>,
     waiting: VecDeque<(Rc<str>, Order)>,
+    /// The database that was selected last, whether the hub has said so or not yet.
     current: Option<Rc<str>>,
-    /// The `db_select` that is under way.
-    selecting: Option<(u32, Rc<str>)>,
+    /// The last `db_select`.
+    selecting: u32,
+    /// Why a database could not be selected.
+    unselected: BTreeMap<Rc<str>, String>,
     sent: BTreeMap<u32, (Rc<str>, Sent)>,
     told: VecDeque<Told>,
     /// What is set in the flow's own database, which goes with each connection.
@@ -222,7 +226,7 @@ impl Clerk {
     /// The hub is lost: what it did not answer is not known to have happened.
     pub(super) fn lose(&mut self) {
         self.current = None;
-        self.selecting = None;
+        self.unselected.clear();
         for entry in self.entries.values_mut() {
             entry.watches.values_mut().for_each(|watched| watched.tag = None);
         }
@@ -233,7 +237,7 @@ impl Clerk {
 
     fn fail(&mut self, name: &Rc<str>, sent: Sent, why: &str) {
         match sent {
-            Sent::Quiet | Sent::Watch(_) => {}
+            Sent::Quiet | Sent::Select | Sent::Watch(_) => {}
             Sent::Get(answer) => self.told.push_back(Told::Answered(answer, Err(why.to_owned()))),
             Sent::Change(_) | Sent::Save | Sent::Load => {
                 if let Some(object) = self.object(name) {
@@ -243,19 +247,20 @@ impl Clerk {
         }
     }
 
-    /// Sends what waits, up to the first command for another database than the current one.
+    /// Sends what waits.
     fn go_on(&mut self, core: Option<&mut SatelliteCore>) {
         let Some(core) = core.filter(|core| core.is_ready()) else { return };
-        while self.selecting.is_none()
-            && let Some((name, _)) = self.waiting.front()
-        {
-            if self.current.as_ref() != Some(name) {
-                let database = full_name(core, name);
-                let Ok(tag) = core.database(&Command::DbSelect { database }) else { return };
-                self.selecting = Some((tag, name.clone()));
-                return;
+        while let Some((name, order)) = self.waiting.pop_front() {
+            if self.current.as_ref() != Some(&name) {
+                let database = full_name(core, &name);
+                let Ok(tag) = core.database(&Command::DbSelect { database }) else {
+                    self.waiting.push_front((name, order));
+                    return;
+                };
+                self.selecting = tag;
+                self.sent.insert(tag, (name.clone(), Sent::Select));
+                self.current = Some(name.clone());
             }
-            let Some((name, order)) = self.waiting.pop_front() else { return };
             let (command, sent) = match order {
                 Order::Set(key, value) => (Command::VarSet { key: key.clone(), value }, Sent::Change(key)),
                 Order::Tell(key, value) => (Command::VarSet { key, value }, Sent::Quiet),
@@ -279,7 +284,7 @@ impl Clerk {
             SatelliteEvent::Value { tag, value } => {
                 return self.answered(*tag, || Ok(Some(value.variant())));
             }
-            SatelliteEvent::Refused { tag, code, text } => return self.refused(core, *tag, *code, text),
+            SatelliteEvent::Refused { tag, code, text } => return self.refused(*tag, *code, text),
             SatelliteEvent::Changed { tag, sequence, key, value } => {
                 self.changed(*tag, *sequence, key, value.as_ref());
             }
@@ -298,10 +303,12 @@ impl Clerk {
     }
 
     fn selected(&mut self, tag: u32, any: bool) {
-        match self.selecting.take_if(|(selecting, _)| *selecting == tag) {
-            Some((_, name)) => self.current = Some(name),
-            None if !any => self.current = None,
-            None => {}
+        if let Some((name, Sent::Select)) = self.sent.get(&tag) {
+            self.unselected.remove(name);
+            self.sent.remove(&tag);
+        } else if !any {
+            // The current one was removed. If another was selected meanwhile, that is done once more.
+            self.current = None;
         }
     }
 
@@ -310,7 +317,7 @@ impl Clerk {
         let what = match sent {
             Sent::Change(key) => key,
             Sent::Save | Sent::Load => String::new(),
-            Sent::Quiet | Sent::Get(_) | Sent::Watch(_) => return true,
+            Sent::Quiet | Sent::Select | Sent::Get(_) | Sent::Watch(_) => return true,
         };
         if let Some(object) = self.object(&name) {
             self.told.push_back(Told::Done(object, what));
@@ -328,30 +335,24 @@ impl Clerk {
         true
     }
 
-    fn refused(&mut self, core: &mut SatelliteCore, tag: u32, code: u16, text: &str) -> bool {
-        if let Some((_, name)) = self.selecting.take_if(|(selecting, _)| *selecting == tag) {
-            // Its commands must not act on whatever is selected.
-            while self.waiting.front().is_some_and(|(waiting, _)| *waiting == name) {
-                let Some((_, order)) = self.waiting.pop_front() else { break };
-                let sent = match order {
-                    Order::Get(_, answer) => Sent::Get(answer),
-                    Order::Set(key, _) | Order::Delete(key) => Sent::Change(key),
-                    Order::Tell(..) => Sent::Quiet,
-                    Order::Save => Sent::Save,
-                    Order::Load => Sent::Load,
-                };
-                self.fail(&name, sent, text);
-            }
-            self.go_on(Some(core));
-            return true;
-        }
+    fn refused(&mut self, tag: u32, code: u16, text: &str) -> bool {
         if code == RefusalCode::NoSuchVariable.code() && self.answered(tag, || Ok(None)) {
             return true;
         }
         let Some((name, sent)) = self.sent.remove(&tag) else { return false };
         match sent {
             Sent::Watch(prefix) => self.unwatched(&name, &prefix),
-            sent => self.fail(&name, sent, text),
+            Sent::Select => {
+                if self.selecting == tag {
+                    self.current = None;
+                }
+                self.unselected.insert(name, text.to_owned());
+            }
+            sent => {
+                let unselected = (code == RefusalCode::NoDatabase.code()).then(|| self.unselected.get(&name));
+                let why = unselected.flatten().map_or(text, String::as_str).to_owned();
+                self.fail(&name, sent, &why);
+            }
         }
         true
     }

@@ -27,9 +27,10 @@ impl ServerCore {
     /// One command of the databases. If it needs what is on the disk, it waits until that has come, and the
     /// connection's later commands with it.
     pub(super) fn database_command(&mut self, id: ConnectionId, tag: u32, command: Command) {
+        let selects = matches!(command, Command::DbSelect { .. });
         let target = match self.target(id, &command) {
             Ok(target) => target,
-            Err(code) => return self.refuse(id, tag, code),
+            Err(code) => return self.refuse_database_command(id, tag, selects, code),
         };
         if let Some(request) = self.summon(&target, &command) {
             if let Some(connection) = self.connections.get_mut(id) {
@@ -39,7 +40,22 @@ impl ServerCore {
             return;
         }
         if let Err(code) = self.do_database_command(id, tag, &target, command) {
-            self.refuse(id, tag, code);
+            self.refuse_database_command(id, tag, selects, code);
+        }
+    }
+
+    fn refuse_database_command(&mut self, id: ConnectionId, tag: u32, selects: bool, code: RefusalCode) {
+        if selects {
+            self.deselect(id);
+        }
+        self.refuse(id, tag, code);
+    }
+
+    /// After a `db_select` that was refused no database is current: a client may have sent commands behind it
+    /// without waiting, and those must not act on the one before.
+    fn deselect(&mut self, id: ConnectionId) {
+        if let Some(connection) = self.connections.get_mut(id) {
+            connection.desk.selected = None;
         }
     }
 

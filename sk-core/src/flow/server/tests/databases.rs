@@ -152,6 +152,12 @@ fn s102_each_connection_has_its_own_current_database() {
     assert_eq!(first.ask(&mut hub, &get("x")), [Event::Value { value: binary(1_u8) }]);
     first.ask(&mut hub, &select("leg"));
     assert_eq!(first.ask(&mut hub, &get("x")), [Event::Value { value: binary(2_u8) }]);
+    for none in ["nothing", "No Name"] {
+        first.ask(&mut hub, &select("arm"));
+        first.send(&mut hub, 5, &select(none));
+        first.send(&mut hub, 6, &set("x", 9_u8));
+        assert_eq!(refusal(&first.read(&mut hub), 6), Some(RefusalCode::NoDatabase), "it must not act on `arm`");
+    }
 }
 
 #[test]
