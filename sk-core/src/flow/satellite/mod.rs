@@ -5,6 +5,7 @@
 //! references here: a subscription by name waits until the channel exists, and comes into force again when
 //! a channel of that name is opened anew.
 
+mod databases;
 mod event;
 mod incoming;
 mod sending;
@@ -13,6 +14,7 @@ mod sync;
 #[cfg(test)]
 mod tests;
 
+pub use databases::DatabaseInfo;
 pub use event::{ChannelInfo, SatelliteError, SatelliteEvent, TickReport};
 pub use sync::Divisor;
 
@@ -77,6 +79,9 @@ pub struct SatelliteCore {
     /// The requests that wait for an answer of this satellite's.
     requests: BTreeSet<u64>,
     listed: Vec<ChannelInfo>,
+    /// Lists of other things under way, by the tags of their commands.
+    lists: BTreeMap<u32, databases::List>,
+    flow_name: Option<String>,
     events: VecDeque<SatelliteEvent>,
     next_tag: u32,
     lost: u64,
@@ -118,6 +123,8 @@ impl SatelliteCore {
             calls: BTreeSet::new(),
             requests: BTreeSet::new(),
             listed: Vec::new(),
+            lists: BTreeMap::new(),
+            flow_name: None,
             events: VecDeque::new(),
             next_tag: 0,
             lost: 0,

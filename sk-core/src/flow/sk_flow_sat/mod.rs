@@ -1,10 +1,13 @@
 //! A satellite as an object: its link to a hub around a [`SatelliteCore`], and the way back when it breaks.
 
+mod clerk;
 mod commands;
+mod database;
 mod events;
 mod services;
 mod sync;
 
+pub use database::{FlowDatabase, Variable};
 pub(crate) use services::doc_or_map;
 
 use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteError, SatelliteEvent, TickReport};
@@ -76,6 +79,8 @@ pub struct SkFlowSat {
     /// How many links there have been.
     link_number: u64,
     call_timer: Handle<Timer>,
+    /// Its dealings with databases.
+    clerk: clerk::Clerk,
     reconnect: Handle<Timer>,
     reconnect_after: Duration,
     losses: u64,
@@ -254,6 +259,7 @@ impl SkFlowSat {
                 sync: sync::Sync::default(),
                 link_number: 0,
                 call_timer,
+                clerk: clerk::Clerk::default(),
                 reconnect,
                 reconnect_after: RECONNECT_FIRST,
                 losses: 0,
@@ -331,6 +337,7 @@ impl SkFlowSat {
         self.heard.clear();
         self.end_services(cx);
         self.end_sync(cx);
+        self.clerk.lose();
         if matches!(self.way, Way::Address { .. }) {
             // The timer is this object's child and lives as long as it.
             let _ = self.reconnect.start_once(cx, self.reconnect_after);
@@ -344,7 +351,10 @@ impl SkFlowSat {
             Way::Pipe => tracing::warn!("the hub of this process has ended: {why}"),
         }
         let this = cx.this(self);
-        cx.post_own(this, move |cx| cx.emit_own(this, |satellite| &satellite.lost, &why));
+        cx.post_own(this, move |cx| {
+            database::tell_told(cx, this);
+            cx.emit_own(this, |satellite| &satellite.lost, &why);
+        });
     }
 
     fn on_reconnect(&mut self, cx: &mut Cx) {
@@ -361,6 +371,9 @@ impl SkFlowSat {
             && let Err(error) = core.tick(now)
         {
             self.break_link(cx, error.to_string());
+        }
+        if let Some(core) = &mut self.core {
+            self.clerk.check(core);
         }
         self.flush_later(cx);
     }
@@ -434,7 +447,12 @@ impl SkFlowSat {
 
     /// Takes the next event and does the bookkeeping for it.
     fn next_event(&mut self, cx: &mut Cx) -> Option<SatelliteEvent> {
-        let event = self.core.as_mut()?.next_event()?;
+        let core = self.core.as_mut()?;
+        let mut event = core.next_event()?;
+        // What is about databases is told by their own objects.
+        while self.clerk.hear(core, &event) {
+            event = core.next_event()?;
+        }
         self.note_sync(cx, &event);
         match &event {
             SatelliteEvent::Ready => self.restore(cx),
@@ -473,6 +491,13 @@ impl SkFlowSat {
         }
         self.restore_services(cx);
         self.restore_sync();
+        let (interval, mode) = (cx.settings().interval, cx.settings().mode);
+        self.clerk
+            .introduce("pulse.interval_ms", &(interval.as_secs_f64() * 1000.0).into());
+        self.clerk.introduce("pulse.mode", &format!("{mode:?}").into());
+        if let Some(core) = &mut self.core {
+            self.clerk.restore(core);
+        }
         self.flush_later(cx);
     }
 
