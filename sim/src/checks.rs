@@ -109,6 +109,9 @@ pub(crate) fn calm(run: &Run<'_>) {
             }
         }
     });
+    if let Some(key) = ledger::with(|ledger| ledger.endless_call()) {
+        complain(Rule::Services, format!("{key:?} has no end"));
+    }
     if let Some((published, last)) = run.pair()
         && last.map_or(0, |last| last + 2) < published
     {
