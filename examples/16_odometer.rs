@@ -7,7 +7,9 @@ use sk_robot::Hub;
 
 struct Odometer {
     database: Handle<FlowDatabase>,
+    /// How far it has gone; none until the database has said.
     metres: Option<i64>,
+    saved: i64,
 }
 impl Odometer {
     fn on_ready(&mut self, cx: &mut Cx) {
@@ -16,7 +18,7 @@ impl Odometer {
             let metres = found.ok().flatten().and_then(|found| i64::try_from(&found).ok()).unwrap_or(0);
             println!("found {metres}");
             // This program never destroys it.
-            let _ = cx.with(this, |odometer, _| odometer.metres = Some(metres));
+            let _ = cx.with(this, |odometer, _| (odometer.metres, odometer.saved) = (Some(metres), metres));
         });
     }
     fn drive(&mut self, cx: &mut Cx) {
@@ -25,8 +27,9 @@ impl Odometer {
             self.database.set(cx, "metres", *metres);
         }
     }
-    fn on_saved(&mut self, cx: &mut Cx) {
-        self.database.get(cx, "metres", |_cx, metres| println!("saved {metres:?}"));
+    fn on_saved(&mut self, _cx: &mut Cx) {
+        self.saved += 1;
+        println!("saved {}", self.saved);
     }
 }
 object! { Odometer { slots { on_ready() drive() on_saved() } } }
@@ -38,7 +41,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let satellite = SkFlowSat::connect(cx, &hub.addresses()[0]);
     let database = satellite.database(cx, "odometer")?;
     database.create(cx, true);
-    let odometer = cx.spawn(Odometer { database, metres: None });
+    let odometer = cx.spawn(Odometer { database, metres: None, saved: 0 });
     attach!(cx, satellite.ready => odometer.on_ready);
     attach!(cx, cx.fast_zone().pulse => odometer.drive);
     attach!(cx, database.done => odometer.on_saved());

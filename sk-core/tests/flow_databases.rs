@@ -167,17 +167,25 @@ fn after_a_reconnection_databases_are_created_selected_and_watched_as_before() {
     start_hub(app.cx());
     simulation.run_for(&mut app, seconds(12));
     let cx = app.cx();
-    let (values, changes) =
-        cx.with(listener, |listener, _| (listener.values.clone(), listener.changes.clone())).unwrap();
+    let (values, changes) = cx
+        .with(listener, |listener, _| (listener.values.clone(), listener.changes.clone()))
+        .unwrap();
     assert_eq!(values, BTreeMap::from([("b".to_owned(), 2.into()), ("c".to_owned(), 3.into())]));
-    assert_eq!(changes.iter().filter(|key| *key == "b").count(), 1, "what did not change is not told again");
+    assert_eq!(
+        changes.iter().filter(|key| *key == "b").count(),
+        1,
+        "what did not change is not told again"
+    );
     let answers = Rc::new(RefCell::new(Vec::new()));
     for (database, key) in [(leg, "x"), (own, "battery"), (own, "hub.user"), (own, "pulse.mode")] {
         let answers = answers.clone();
         database.get(cx, key, move |_cx, value| answers.borrow_mut().push(value.unwrap().unwrap()));
     }
     simulation.run_for(&mut app, seconds(1));
-    assert_eq!(*answers.borrow(), [4.into(), 12.into(), SkVariant::from("robot"), SkVariant::from("SelectIo")]);
+    assert_eq!(
+        *answers.borrow(),
+        [4.into(), 12.into(), SkVariant::from("robot"), SkVariant::from("SelectIo")]
+    );
 }
 
 #[test]
@@ -200,7 +208,7 @@ fn a_watch_waits_for_a_database_that_comes_later() {
 }
 
 #[test]
-fn s101_a_whole_world_with_a_store_repeats_exactly() {
+fn a_whole_world_with_a_store_repeats_exactly() {
     let run = |seed| {
         let (simulation, mut app) = world(seed);
         let cx = app.cx();

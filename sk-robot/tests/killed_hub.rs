@@ -44,7 +44,8 @@ impl Client {
     fn check(&mut self, cx: &mut Cx) {
         let this = cx.this(self);
         for (key, value) in self.acknowledged.clone() {
-            self.database.get(cx, &key.clone(), move |cx, found| check_one(cx, this, &key, value, found));
+            self.database
+                .get(cx, &key.clone(), move |cx, found| check_one(cx, this, &key, value, found));
         }
         self.set_more(cx);
     }
@@ -81,7 +82,9 @@ fn check_one(
     let _ = cx.with(killer, |killer, _| {
         killer.checked += 1;
         if found.is_none_or(|found| found < acknowledged) {
-            killer.missing.push(format!("{key} is {found:?}, {acknowledged} was acknowledged"));
+            killer
+                .missing
+                .push(format!("{key} is {found:?}, {acknowledged} was acknowledged"));
         }
     });
 }

@@ -233,9 +233,7 @@ impl ServerCore {
 
     /// Whether a connection has something to write.
     pub fn has_output(&self, id: ConnectionId) -> bool {
-        self.connections
-            .get(id)
-            .is_some_and(Connection::has_output)
+        self.connections.get(id).is_some_and(Connection::has_output)
     }
 
     /// The next bytes for the transport, for one vectored write of at most `slices_max` parts.

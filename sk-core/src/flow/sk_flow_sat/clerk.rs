@@ -93,7 +93,8 @@ impl Clerk {
     }
 
     pub(super) fn add(&mut self, name: &Rc<str>, object: Handle<FlowDatabase>) {
-        self.entries.insert(name.clone(), Entry { object, create: None, watches: BTreeMap::new() });
+        self.entries
+            .insert(name.clone(), Entry { object, create: None, watches: BTreeMap::new() });
     }
 
     /// The next thing to tell.
@@ -397,7 +398,8 @@ impl Clerk {
         watched.sequence = sequence;
         let told = std::mem::take(&mut watched.told);
         if whole {
-            let gone: Vec<String> = watched.known.keys().filter(|key| !told.contains(*key)).cloned().collect();
+            let gone: Vec<String> =
+                watched.known.keys().filter(|key| !told.contains(*key)).cloned().collect();
             for key in gone {
                 watched.known.remove(&key);
                 let variable = Variable::new(&name, &key, None);

@@ -119,7 +119,9 @@ impl Handle<SkFlowSat> {
     }
 
     fn database_object(self, cx: &mut Cx, name: &str) -> io::Result<Handle<FlowDatabase>> {
-        let known = cx.with(self, |satellite, _| satellite.clerk.object(name)).map_err(io::Error::other)?;
+        let known = cx
+            .with(self, |satellite, _| satellite.clerk.object(name))
+            .map_err(io::Error::other)?;
         if let Some(object) = known {
             return Ok(object);
         }
@@ -132,7 +134,8 @@ impl Handle<SkFlowSat> {
             done: Signal::new(),
             refused: Signal::new(),
         });
-        cx.with(self, |satellite, _| satellite.clerk.add(&name, object)).map_err(io::Error::other)?;
+        cx.with(self, |satellite, _| satellite.clerk.add(&name, object))
+            .map_err(io::Error::other)?;
         Ok(object)
     }
 }
@@ -211,7 +214,8 @@ impl Handle<FlowDatabase> {
     /// The value of a watched variable as it was told last, without asking the hub.
     pub fn known(self, cx: &mut Cx, key: &str) -> Option<SkVariant> {
         let (satellite, name) = self.parts(cx)?;
-        cx.with(satellite, |satellite, _| satellite.clerk.known(&name, key).map(Value::variant)).ok()?
+        cx.with(satellite, |satellite, _| satellite.clerk.known(&name, key).map(Value::variant))
+            .ok()?
     }
 
     fn parts(self, cx: &mut Cx) -> Option<(Handle<SkFlowSat>, Rc<str>)> {

@@ -429,7 +429,8 @@ impl SkFlowSat {
             }
         }
         let (interval, mode) = (cx.settings().interval, cx.settings().mode);
-        self.clerk.introduce("pulse.interval_ms", &(interval.as_secs_f64() * 1000.0).into());
+        self.clerk
+            .introduce("pulse.interval_ms", &(interval.as_secs_f64() * 1000.0).into());
         self.clerk.introduce("pulse.mode", &format!("{mode:?}").into());
         self.clerk.restore(core);
         self.flush_later(cx);

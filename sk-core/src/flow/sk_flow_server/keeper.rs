@@ -3,9 +3,7 @@
 
 use super::SkFlowServer;
 use crate::Cx;
-use crate::flow::database::{
-    DatabaseName, DatabaseStore, Saved, StoreAnswer, StoreFailure, StoreRequest,
-};
+use crate::flow::database::{DatabaseName, DatabaseStore, Saved, StoreAnswer, StoreFailure, StoreRequest};
 use crate::object::{Access, Handle};
 use crate::thread::Remote;
 use crate::world::Job;
@@ -41,7 +39,10 @@ impl Shared {
         let numbers: Vec<u64> = requests.iter().map(|request| request.number).collect();
         let answers = catch_unwind(AssertUnwindSafe(|| store.perform(requests))).unwrap_or_else(|_| {
             let failed = || Err(StoreFailure("the store panicked".to_owned()));
-            numbers.into_iter().map(|number| StoreAnswer { number, outcome: failed() }).collect()
+            numbers
+                .into_iter()
+                .map(|number| StoreAnswer { number, outcome: failed() })
+                .collect()
         });
         locked(&self.answers).extend(answers);
     }

@@ -84,10 +84,10 @@ impl DatabaseStore for Store {
             let (now, later) = rest.split_at(together);
             rest = later;
             let outcome = self.attempt(now);
-            answers.extend(now.iter().map(|request| StoreAnswer {
-                number: request.number,
-                outcome: outcome.clone(),
-            }));
+            answers.extend(
+                now.iter()
+                    .map(|request| StoreAnswer { number: request.number, outcome: outcome.clone() }),
+            );
         }
         answers
     }

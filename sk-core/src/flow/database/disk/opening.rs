@@ -193,7 +193,11 @@ fn begin(storage: &Arc<dyn Storage>, path: &Path) -> io::Result<()> {
         let database = engine_on(storage.open(&new, true).map_err(io)?)?;
         let mut transaction = database.begin_write().map_err(of_engine)?;
         transaction.set_two_phase_commit(true);
-        transaction.open_table(FILE).map_err(of_engine)?.insert(FORMAT_KEY, STORE_FORMAT).map_err(of_engine)?;
+        transaction
+            .open_table(FILE)
+            .map_err(of_engine)?
+            .insert(FORMAT_KEY, STORE_FORMAT)
+            .map_err(of_engine)?;
         transaction.open_table(DATABASES).map_err(of_engine)?;
         transaction.open_table(VARIABLES).map_err(of_engine)?;
         transaction.commit().map_err(of_engine)

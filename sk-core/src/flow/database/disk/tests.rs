@@ -262,7 +262,8 @@ fn a_full_disk_is_told_and_the_store_works_on_when_there_is_room_again() {
         let (mut stored, mut refused) = (Model::new(), 0);
         for index in 0..12 {
             let key = format!("k{index:02}");
-            let contents: Contents = vec![(key.as_str().into(), Value::new(&"x".repeat(100_000).into()).expect("short"))];
+            let contents: Contents =
+                vec![(key.as_str().into(), Value::new(&"x".repeat(100_000).into()).expect("short"))];
             let work = StoreWork::Replace { about: about(true), contents };
             let database = name(&format!("d{index}"));
             let answers = store.store.perform(vec![StoreRequest { number: 3, database, work }]);
@@ -335,7 +336,8 @@ fn every_turned_bit_that_matters_is_found() {
             let bit = rng.below(8);
             let mut turned = file.clone();
             turned[at] ^= 1 << bit;
-            found += u32::from(is_found(&turned, &model, &format!("bit {bit} of byte {at}, orderly {orderly}")));
+            found +=
+                u32::from(is_found(&turned, &model, &format!("bit {bit} of byte {at}, orderly {orderly}")));
         }
         assert!(found > 100, "only {found} were of importance");
     }
@@ -345,7 +347,10 @@ fn every_turned_bit_that_matters_is_found() {
 fn every_file_that_was_cut_is_found() {
     let (file, model) = a_used_file(true);
     let mut rng = SimulatedRng::new(10, 10);
-    for length in [0, 1, 100, 512, 4096, file.len() - 1].into_iter().chain((0..100).map(|_| rng.below(file.len() as u64) as usize)) {
+    for length in [0, 1, 100, 512, 4096, file.len() - 1]
+        .into_iter()
+        .chain((0..100).map(|_| rng.below(file.len() as u64) as usize))
+    {
         assert!(is_found(&file[..length], &model, &format!("cut to {length}")), "cut to {length}");
     }
 }
@@ -370,7 +375,11 @@ fn a_file_of_another_format_is_left_alone() {
     {
         let engine = opening::open_engine(&disk, Path::new(FILE_PATH)).expect("good");
         let transaction = engine.begin_write().expect("alone");
-        transaction.open_table(FILE).expect("there").insert("format", STORE_FORMAT + 1).expect("room");
+        transaction
+            .open_table(FILE)
+            .expect("there")
+            .insert("format", STORE_FORMAT + 1)
+            .expect("room");
         transaction.commit().expect("the disk works");
     }
     for _ in 0..2 {

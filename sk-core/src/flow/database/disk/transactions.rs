@@ -123,11 +123,15 @@ fn apply(
                     let old = variables.insert((name, &**key), &record[..]).map_err(of_engine)?;
                     old.map(|old| old.value().len())
                 }
-                None => variables.remove((name, &**key)).map_err(of_engine)?.map(|old| old.value().len()),
+                None => variables
+                    .remove((name, &**key))
+                    .map_err(of_engine)?
+                    .map(|old| old.value().len()),
             };
             let size = |record: usize| key.len() + record.saturating_sub(4);
             let (had, had_bytes) = old.map_or((0, 0), |old| (1, size(old)));
-            let (has, has_bytes) = value.as_ref().map_or((0, 0), |value| (1, key.len() + value.encoded().len()));
+            let (has, has_bytes) =
+                value.as_ref().map_or((0, 0), |value| (1, key.len() + value.encoded().len()));
             Ok(Some(Saved {
                 keys: (keys + has).saturating_sub(had),
                 bytes: (bytes + has_bytes).saturating_sub(had_bytes),

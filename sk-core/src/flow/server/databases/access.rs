@@ -1,8 +1,8 @@
 //! Who may read and write which database.
 
-use super::super::super::{Right, Rights};
 use super::super::super::channel::Owner;
 use super::super::super::database::{DatabaseKind, DatabaseName, Entity};
+use super::super::super::{Right, Rights};
 use super::super::{ConnectionId, ServerCore};
 
 /// What somebody wants to do with a database.

@@ -146,7 +146,12 @@ impl ServerCore {
         }
     }
 
-    fn select_database(&mut self, id: ConnectionId, tag: u32, name: &DatabaseName) -> Result<(), RefusalCode> {
+    fn select_database(
+        &mut self,
+        id: ConnectionId,
+        tag: u32,
+        name: &DatabaseName,
+    ) -> Result<(), RefusalCode> {
         if !self.databases.exists(name) {
             return Err(RefusalCode::NoSuchDatabase);
         }
@@ -181,7 +186,12 @@ impl ServerCore {
         }
     }
 
-    fn remove_database(&mut self, id: ConnectionId, tag: u32, name: &DatabaseName) -> Result<(), RefusalCode> {
+    fn remove_database(
+        &mut self,
+        id: ConnectionId,
+        tag: u32,
+        name: &DatabaseName,
+    ) -> Result<(), RefusalCode> {
         if !self.may(id, name, Access::Write) {
             return Err(RefusalCode::Denied);
         }
@@ -232,7 +242,9 @@ impl ServerCore {
                 // What is in memory is on the disk, or on its way there.
                 self.answer(id, tag, &Event::Done {});
             }
-            Reach::Here => self.ask_for(id, tag, name, StoreWork::Load, Purpose::Reload { connection: id, tag }),
+            Reach::Here => {
+                self.ask_for(id, tag, name, StoreWork::Load, Purpose::Reload { connection: id, tag })
+            }
         }
         Ok(())
     }
@@ -275,7 +287,12 @@ impl ServerCore {
     }
 
     /// The value of a variable, whether it was set or is made up now.
-    fn variable(&self, id: ConnectionId, name: &DatabaseName, key: &str) -> Result<Option<Value>, RefusalCode> {
+    fn variable(
+        &self,
+        id: ConnectionId,
+        name: &DatabaseName,
+        key: &str,
+    ) -> Result<Option<Value>, RefusalCode> {
         if !self.may(id, name, Access::Read) {
             return Err(RefusalCode::Denied);
         }

@@ -1,10 +1,10 @@
 //! What waits for the disk, and who waits for its answers.
 
+use super::super::super::Event;
 use super::super::super::database::{
     DatabaseName, Saved, StoreAnswer, StoreFailure, StoreRequest, StoreWork, Stored,
 };
 use super::super::super::error::RefusalCode;
-use super::super::super::Event;
 use super::super::{ConnectionId, ServerCore};
 use rustc_hash::FxHashMap;
 use sk_flat::Instant;
@@ -47,7 +47,8 @@ impl Storing {
     pub(super) fn ask(&mut self, database: &DatabaseName, work: StoreWork, purpose: Purpose) -> u64 {
         self.last += 1;
         let number = self.last;
-        self.requests.push_back(StoreRequest { number, database: database.clone(), work });
+        self.requests
+            .push_back(StoreRequest { number, database: database.clone(), work });
         self.waiting.insert(number, Waiting { database: database.clone(), purpose });
         number
     }
@@ -101,7 +102,10 @@ impl ServerCore {
                 self.refuse(connection, tag, RefusalCode::Storage);
                 self.go_on(connection, number);
             }
-            (Purpose::Reload { connection, tag } | Purpose::Acknowledge { connection, tag }, Err(failure)) => {
+            (
+                Purpose::Reload { connection, tag } | Purpose::Acknowledge { connection, tag },
+                Err(failure),
+            ) => {
                 self.log_failure(&database, &failure);
                 if let Ok(open) = self.databases.open_mut(&database) {
                     open.torn = true;
@@ -177,7 +181,10 @@ impl ServerCore {
     }
 
     fn enqueue_if_ready(&mut self, id: ConnectionId) {
-        let ready = self.connections.get(id).is_some_and(|found| found.has_input() && !found.is_held());
+        let ready = self
+            .connections
+            .get(id)
+            .is_some_and(|found| found.has_input() && !found.is_held());
         if ready {
             self.enqueue(id);
         }

@@ -94,8 +94,12 @@ impl ServerCore {
     /// Ends the watches that a connection has no right to any more.
     pub(super) fn recheck_watches(&mut self, id: ConnectionId) {
         let Some(connection) = self.connections.get(id) else { return };
-        let watches: Vec<(DatabaseName, u32)> =
-            connection.desk.watches.iter().map(|watch| (watch.database.clone(), watch.tag)).collect();
+        let watches: Vec<(DatabaseName, u32)> = connection
+            .desk
+            .watches
+            .iter()
+            .map(|watch| (watch.database.clone(), watch.tag))
+            .collect();
         for (name, tag) in watches {
             if !self.may(id, &name, Access::Read) && self.end_watch(id, tag) {
                 self.answer(id, tag, &Event::WatchOver {});
@@ -111,7 +115,9 @@ impl ServerCore {
             let id = ConnectionId::from_wire(watcher.connection);
             let Some(connection) = connections.get_mut(id) else { continue };
             let desk = &mut connection.desk;
-            let Some(watch) = desk.watches.iter_mut().find(|watch| watch.tag == watcher.tag) else { continue };
+            let Some(watch) = desk.watches.iter_mut().find(|watch| watch.tag == watcher.tag) else {
+                continue;
+            };
             if watch.in_turn || !key.starts_with(&*watch.prefix) {
                 continue;
             }
@@ -161,7 +167,11 @@ impl Watch {
             if let Some((key, value)) = pairs.iter(&self.prefix, after.as_deref()).next() {
                 let sequence = pairs.changed(key).unwrap_or(*until);
                 *after = Some(key.clone());
-                return Some(Event::Changed { sequence, key: key.to_string(), value: sendable(value, self.form) });
+                return Some(Event::Changed {
+                    sequence,
+                    key: key.to_string(),
+                    value: sendable(value, self.form),
+                });
             }
             self.cursor = *until;
             self.stage = Stage::Following;

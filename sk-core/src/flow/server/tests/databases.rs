@@ -82,7 +82,7 @@ fn works_through_all_commands(hub: &mut ServerCore, mut raw: Raw, name: &str) {
 }
 
 #[test]
-fn every_command_works_on_synchronous_connections_and_on_flows() {
+fn s101_every_command_works_on_synchronous_connections_and_on_flows() {
     let mut hub = hub();
     let raw = Raw::synchronous(&mut hub, OWNER);
     works_through_all_commands(&mut hub, raw, "synchronous");
@@ -110,8 +110,7 @@ fn s66_json_has_the_same_effect_and_the_answer_comes_in_the_form_that_was_asked_
             assert_eq!(got, [Event::Value { value: expected.clone() }]);
             let all = raw.ask(&mut hub, &Command::DbAll { prefix: (*key).into(), form });
             assert_eq!(all[0], Event::Variable { key: (*key).into(), value: expected.clone() });
-            let watch =
-                Command::Watch { database: "arm".into(), prefix: (*key).into(), after: 0, form };
+            let watch = Command::Watch { database: "arm".into(), prefix: (*key).into(), after: 0, form };
             let watched = raw.ask(&mut hub, &watch);
             assert!(
                 matches!(&watched[0], Event::Changed { value, .. } if *value == expected),
@@ -156,7 +155,11 @@ fn s102_each_connection_has_its_own_current_database() {
         first.ask(&mut hub, &select("arm"));
         first.send(&mut hub, 5, &select(none));
         first.send(&mut hub, 6, &set("x", 9_u8));
-        assert_eq!(refusal(&first.read(&mut hub), 6), Some(RefusalCode::NoDatabase), "it must not act on `arm`");
+        assert_eq!(
+            refusal(&first.read(&mut hub), 6),
+            Some(RefusalCode::NoDatabase),
+            "it must not act on `arm`"
+        );
     }
 }
 
@@ -259,7 +262,8 @@ fn s99_an_account_has_a_database_that_only_administrators_write() {
 fn flows_write_their_own_database_and_owners_those_of_their_channels() {
     use crate::flow::Right::{DatabaseRead, DatabaseWrite, Publish};
     let mut hub = hub();
-    let [mut one, mut other] = [(); 2].map(|()| Raw::flow(&mut hub, guest(&[DatabaseRead, DatabaseWrite, Publish])));
+    let [mut one, mut other] =
+        [(); 2].map(|()| Raw::flow(&mut hub, guest(&[DatabaseRead, DatabaseWrite, Publish])));
     let mut reader = Raw::flow(&mut hub, guest(&[DatabaseRead]));
     one.create(&mut hub, "imu");
     other.read(&mut hub);
@@ -270,7 +274,10 @@ fn flows_write_their_own_database_and_owners_those_of_their_channels() {
         }
         assert_eq!(one.ask(&mut hub, &set("x", 1_u8)), [Event::Done {}], "{name}");
         assert_eq!(other.ask(&mut hub, &set("x", 2_u8)), refused(RefusalCode::Denied), "{name}");
-        assert_eq!(other.ask(&mut hub, &Command::VarDelete { key: "x".into() }), refused(RefusalCode::Denied));
+        assert_eq!(
+            other.ask(&mut hub, &Command::VarDelete { key: "x".into() }),
+            refused(RefusalCode::Denied)
+        );
         assert_eq!(other.ask(&mut hub, &get("x")), [Event::Value { value: binary(1_u8) }], "{name}");
     }
     one.ask(&mut hub, &create("shared"));
@@ -279,7 +286,10 @@ fn flows_write_their_own_database_and_owners_those_of_their_channels() {
     }
     assert_eq!(other.ask(&mut hub, &set("x", 2_u8)), [Event::Done {}]);
     assert_eq!(reader.ask(&mut hub, &set("x", 3_u8)), refused(RefusalCode::Denied));
-    assert_eq!(reader.ask(&mut hub, &Command::DbRemove { database: "shared".into() }), refused(RefusalCode::Denied));
+    assert_eq!(
+        reader.ask(&mut hub, &Command::DbRemove { database: "shared".into() }),
+        refused(RefusalCode::Denied)
+    );
 }
 
 #[test]

@@ -131,7 +131,7 @@ fn a_durable_set_is_seen_at_once_and_acknowledged_when_the_disk_has_it() {
 }
 
 #[test]
-fn the_answers_of_a_synchronous_connection_stay_in_order_and_nobody_else_waits() {
+fn s104_the_answers_of_a_synchronous_connection_stay_in_order_and_nobody_else_waits() {
     let mut robot = Robot::new();
     let mut writer = Raw::synchronous(&mut robot.hub, OWNER);
     robot.durable_database(&mut writer, "arm");
@@ -306,8 +306,9 @@ fn named_and_saved_databases_of_an_account_are_64_in_all_also_after_a_restart() 
         assert_eq!(robot.ask(&mut raw, &create(&format!("d{index}"), 1)), [Event::Saved {}]);
     }
     let mut flows = [(); 2].map(|()| Raw::flow(&mut robot.hub, OWNER));
-    for (flow, expected) in
-        flows.iter_mut().zip([vec![Event::Saved {}], refused(RefusalCode::TooManyDatabases)])
+    for (flow, expected) in flows
+        .iter_mut()
+        .zip([vec![Event::Saved {}], refused(RefusalCode::TooManyDatabases)])
     {
         flow.ask(&mut robot.hub, &select(&name_of(flow)));
         assert_eq!(flow.ask(&mut robot.hub, &set("x", 1)), [Event::Done {}], "in memory there is room");
@@ -343,12 +344,8 @@ fn a_watcher_from_before_the_hubs_end_is_told_everything() {
     let mut raw = Raw::flow(&mut robot.hub, OWNER);
     robot.durable_database(&mut raw, "arm");
     robot.ask(&mut raw, &set("x", 1));
-    let watch = |after| Command::Watch {
-        database: "arm".into(),
-        prefix: String::new(),
-        after,
-        form: Form::Binary,
-    };
+    let watch =
+        |after| Command::Watch { database: "arm".into(), prefix: String::new(), after, form: Form::Binary };
     let told = robot.ask(&mut raw, &watch(0));
     let Some(Event::Watching { sequence, .. }) = told.last() else { panic!("{told:?}") };
     let mut robot = robot.die_and_return();

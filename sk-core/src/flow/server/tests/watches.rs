@@ -110,7 +110,10 @@ fn s108_a_change_reaches_the_component_while_it_runs() {
     operator.ask(&mut hub, &Command::DbSelect { database: name });
     operator.ask(&mut hub, &set("parameter.speed", 3));
     let heard = messages(arm.read(&mut hub));
-    assert!(matches!(&heard[..], [Event::Changed { key, .. }] if key == "parameter.speed"), "{heard:?}");
+    assert!(
+        matches!(&heard[..], [Event::Changed { key, .. }] if key == "parameter.speed"),
+        "{heard:?}"
+    );
 }
 
 #[test]
@@ -127,7 +130,11 @@ fn a_watcher_that_does_not_read_hears_of_the_newest_value_and_takes_no_memory_me
     }
     let events = messages(watcher.read(&mut hub));
     assert_eq!(events.len(), 10, "one for each variable, not one for each change");
-    assert!(events.iter().all(|event| matches!(event, Event::Changed { value, .. } if *value == number(999))));
+    assert!(
+        events
+            .iter()
+            .all(|event| matches!(event, Event::Changed { value, .. } if *value == number(999)))
+    );
 }
 
 proptest! {
