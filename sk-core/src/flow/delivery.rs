@@ -6,6 +6,7 @@ use super::fragment::Pieces;
 use super::frame::{Flags, HEADER_BYTES};
 use super::limits::{ITEM_OVERHEAD_BYTES, SHARED_PAYLOAD_BYTES_MIN};
 use super::{Event, Message as _};
+use crate::testing::{Bug, is_planted};
 use bytes::{Bytes, BytesMut};
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -20,6 +21,8 @@ pub struct Outgoing {
     channel: ChannelRef,
     message: u32,
     charge: usize,
+    /// It goes before what waits of other channels.
+    is_tick: bool,
     fragments: Arc<[Fragment]>,
 }
 
@@ -38,7 +41,19 @@ impl Outgoing {
             Fragment::new(channel, message, Flags::of(index == 0, index + 1 == count), payload)
         };
         let fragments = pieces.into_iter().enumerate().map(fragment).collect();
-        Outgoing { channel, message, charge, fragments }
+        Outgoing { channel, message, charge, is_tick: false, fragments }
+    }
+
+    /// Encodes a tick of a sync channel.
+    pub fn tick(channel: ChannelRef, sequence: u64) -> Outgoing {
+        let frame = Event::Tick { channel, sequence }.encode(0, Flags::NONE);
+        let fragments = Arc::new([Fragment { payload: Bytes::new(), frame }]);
+        Outgoing { channel, message: 0, charge: ITEM_OVERHEAD_BYTES, is_tick: true, fragments }
+    }
+
+    /// Whether it goes before what waits of other channels: a tick is small, and late it is worth nothing.
+    pub fn is_tick(&self) -> bool {
+        self.is_tick
     }
 
     /// What it is charged to a connection while it waits: its payload and a little for each fragment.
@@ -251,7 +266,18 @@ impl Book {
     /// Notes a message that its publisher gave up before it was whole.
     pub fn aborted(&mut self) {
         self.counts.offered += 1;
-        self.counts.dropped[DropReason::Aborted as usize] += 1;
+        self.counts.dropped[DropReason::Aborted as usize] += u64::from(!is_planted(Bug::AbortUnbooked));
+    }
+
+    fn next_waiting(&mut self) -> Option<Outgoing> {
+        if is_planted(Bug::NewestFirst) {
+            return self.waiting.pop_back();
+        }
+        let message = self.waiting.pop_front()?;
+        if is_planted(Bug::SentTwice) && message.message % 8 == 7 {
+            self.offer(&Outgoing { message: message.message + 1, ..message.clone() }, usize::MAX);
+        }
+        Some(message)
     }
 
     /// The next `data` frame with a payload of at most `payload_max`, and whether it ends its message.
@@ -259,9 +285,9 @@ impl Book {
     pub fn next_frame(&mut self, payload_max: usize) -> Option<(Encoded, bool)> {
         let mut begun = match self.begun.take() {
             Some(begun) => begun,
-            None => Begun { message: self.waiting.pop_front()?, fragment: 0, offset: 0 },
+            None => Begun { message: self.next_waiting()?, fragment: 0, offset: 0 },
         };
-        let Outgoing { channel, message, charge, ref fragments } = begun.message;
+        let Outgoing { channel, message, charge, ref fragments, .. } = begun.message;
         let fragment = &fragments[begun.fragment];
         let left = fragment.payload.len() - begun.offset;
         let ends_fragment = left <= payload_max;

@@ -5,9 +5,12 @@ use super::super::error::ProtocolError;
 use super::super::fragment::{Gathered, joined};
 use super::super::limits::{FRAGMENT_BYTES_MIN, MAGIC, VERSION, VERSION_OLDEST};
 use super::super::{ChannelRef, Command, Event, Flags, Form, Tagged};
-use super::{ChannelInfo, Credentials, Own, SatelliteCore, SatelliteEvent, latest};
+use super::sending::Stream;
+use super::services::{Asked, Incoming};
+use super::{ChannelInfo, Credentials, Own, SatelliteCore, SatelliteEvent, TickReport, latest};
 use bytes::Bytes;
 use sk_flat::Name;
+use std::time::Duration;
 
 impl SatelliteCore {
     pub(super) fn on_event(&mut self, tagged: Tagged<Event>) -> Result<(), ProtocolError> {
@@ -49,7 +52,7 @@ impl SatelliteCore {
             }
             Event::Subscribed { channel } => self.events.push_back(SatelliteEvent::Subscribed(channel)),
             Event::Unsubscribed { channel } => {
-                self.gathering.forget(channel);
+                self.gathering.forget(Incoming::Data(channel));
                 self.events.push_back(SatelliteEvent::Unsubscribed(channel));
             }
             Event::Done {} => self.events.push_back(SatelliteEvent::Done { tag }),
@@ -63,8 +66,29 @@ impl SatelliteCore {
                     self.events.push_back(SatelliteEvent::HeaderChanged { tag, info });
                 }
             }
+            Event::Request { channel, request, asker, payload } => {
+                self.on_request(flags, Asked { channel, request, asker }, payload)?;
+            }
+            Event::Tick { channel, sequence } => {
+                self.events.push_back(SatelliteEvent::Tick { channel, sequence });
+            }
+            Event::TickReport { channel, target, lag_ns, done, missed, divisor } => {
+                let report = TickReport {
+                    channel,
+                    target,
+                    is_own: target == self.connection,
+                    lag: Duration::from_nanos(lag_ns),
+                    done,
+                    missed,
+                    divisor,
+                };
+                self.events.push_back(SatelliteEvent::TickReport(report));
+            }
+            Event::RequestOver { request } => self.on_request_over(request),
+            Event::Reply { more, payload } => self.on_reply(tag, flags, more, payload)?,
             Event::Refused { code, text } => {
                 self.creating.remove(&tag);
+                self.on_call_over(tag);
                 self.lists.remove(&tag);
                 self.events.push_back(SatelliteEvent::Refused { tag, code, text });
             }
@@ -75,11 +99,6 @@ impl SatelliteCore {
             | Event::Detached { .. }
             | Event::Latest { .. }
             | Event::Credit { .. }
-            | Event::Tick { .. }
-            | Event::TickReport { .. }
-            | Event::Request { .. }
-            | Event::RequestOver { .. }
-            | Event::Reply { .. }
             | Event::BlobResume { .. }
             | Event::BlobListed { .. }
             | Event::BlobEntry { .. }
@@ -167,6 +186,7 @@ impl SatelliteCore {
             let command = latest(channel, *depth);
             self.send(&command);
         }
+        self.follow_if_wanted(&info);
         self.events.push_back(SatelliteEvent::ChannelAdded(info));
         if created {
             self.own.insert(channel, Own { listened: false, next_message: 0 });
@@ -176,8 +196,8 @@ impl SatelliteCore {
 
     fn removed(&mut self, channel: ChannelRef) {
         self.own.remove(&channel);
-        self.lost += self.outbox.forget(channel) as u64;
-        self.gathering.forget(channel);
+        self.lost += self.outbox.forget(Stream::Channel(channel)) as u64;
+        self.gathering.forget(Incoming::Data(channel));
         if let Some(info) = self.channels.remove(&channel) {
             if self.names.get(&info.name) == Some(&channel) {
                 self.names.remove(&info.name);
@@ -205,7 +225,7 @@ impl SatelliteCore {
         payload: Bytes,
     ) -> Result<(), ProtocolError> {
         let max = self.inbound.message_bytes_max();
-        match self.gathering.take(channel, message, flags, payload, max)? {
+        match self.gathering.take(Incoming::Data(channel), message, flags, payload, max)? {
             Gathered::More | Gathered::Ignored | Gathered::Aborted => {}
             Gathered::Overfull => self.lost += 1,
             Gathered::Whole(pieces) => {

@@ -13,6 +13,7 @@ use super::super::{
 use super::connection::Incoming;
 use super::telling::Telling;
 use super::{ConnectionId, Notice, ServerCore, Subscriber, Subscribers, owning_flow};
+use crate::testing::{Bug, is_planted};
 use sk_flat::Name;
 
 /// What a subscriber wishes for.
@@ -120,6 +121,7 @@ impl ServerCore {
         reason: DropReason,
     ) {
         let Some((known, subscribers)) = self.channels.remove(channel) else { return };
+        self.clocks.remove(&channel);
         if known.kind == ChannelKind::Service {
             self.end_requests_to(channel, known.owner);
         }
@@ -195,7 +197,15 @@ impl ServerCore {
             self.refuse(id, tag, RefusalCode::Gone);
             return Ok(());
         };
-        if known.kind != ChannelKind::Stream || policy != Policy::Latest || divisor != 1 {
+        let is_sync = known.kind == ChannelKind::Sync;
+        if is_sync && !super::sync::is_divisor(divisor) {
+            let value = divisor.into();
+            return Err(ProtocolError::BadValue { kind: "subscribe", field: "divisor", value });
+        }
+        // Of ticks only the newest is worth anything.
+        let depth = if is_sync { 1 } else { depth };
+        let is_stream = known.kind == ChannelKind::Stream && divisor == 1;
+        if !(is_stream || is_sync) || policy != Policy::Latest {
             self.refuse(id, tag, RefusalCode::WrongKind);
             return Ok(());
         }
@@ -211,6 +221,9 @@ impl ServerCore {
             subscribers.list.push(Subscriber { connection: id, slot });
         }
         let first = new && subscribers.list.len() == 1;
+        if is_sync {
+            self.add_target(id, channel, slot, divisor);
+        }
         self.answer(id, tag, &Event::Subscribed { channel });
         if first {
             self.tell_owner(channel, owner, true);
@@ -227,9 +240,12 @@ impl ServerCore {
         let Some(connection) = self.connections.get_mut(id) else { return };
         let Some(counts) = connection.output.unsubscribe(channel, reason) else { return };
         self.ended.add(&counts);
+        self.remove_target(id, channel);
         let Some((known, subscribers)) = self.channels.get_mut(channel) else { return };
         let owner = known.owner;
-        subscribers.list.retain(|subscriber| subscriber.connection != id);
+        if !(is_planted(Bug::SubscriptionKept) && reason == DropReason::Gone) {
+            subscribers.list.retain(|subscriber| subscriber.connection != id);
+        }
         if subscribers.list.is_empty() {
             self.tell_owner(channel, owner, false);
         }

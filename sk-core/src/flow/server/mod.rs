@@ -23,6 +23,8 @@ mod output;
 mod publish;
 mod requests;
 mod services;
+mod sync;
+mod sync_target;
 mod talk;
 mod telling;
 #[cfg(test)]
@@ -46,11 +48,13 @@ use super::limits::{
 use super::login::{Nonce, OwnerToken};
 use super::wire::Slices;
 use super::{ChannelRef, Event, Message, State};
+use crate::testing::{Bug, is_planted};
 use connection::{Connection, Connections};
 use notice::LogLimit;
 use requests::Requests;
 use sk_flat::{Instant, Name};
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use sync::Clock;
 use thiserror::Error;
 
 /// How a hub lets people in.
@@ -130,6 +134,8 @@ pub struct ServerCore {
     /// Those of them that the hub itself is to answer.
     serving: BTreeSet<RequestId>,
     unmatched_answers: u64,
+    /// The sync channels and their targets.
+    clocks: BTreeMap<ChannelRef, Clock>,
     spurious: u64,
     log: LogLimit,
     now: Instant,
@@ -157,6 +163,7 @@ impl ServerCore {
             requests: Requests::default(),
             serving: BTreeSet::new(),
             unmatched_answers: 0,
+            clocks: BTreeMap::new(),
             spurious: 0,
             log: LogLimit::new(LOG_LINES_PER_SECOND_MAX),
             now,
@@ -343,6 +350,7 @@ impl ServerCore {
     }
 
     fn refuse(&mut self, id: ConnectionId, tag: u32, code: RefusalCode) {
+        assert!(!is_planted(Bug::PanicAtRefusal), "a bug was planted here");
         self.answer(id, tag, &Event::Refused { code: code.code(), text: code.to_string() });
     }
 

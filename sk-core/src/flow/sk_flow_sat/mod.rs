@@ -4,16 +4,22 @@ mod clerk;
 mod commands;
 mod database;
 mod events;
+mod services;
+mod sync;
 
 pub use database::{FlowDatabase, Variable};
+pub(crate) use services::doc_or_map;
 
-use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteError, SatelliteEvent};
-use super::transport::{Broken, Core, Link, PipeSeed, TURN_BYTES_MAX, Turn, dial};
+use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteError, SatelliteEvent, TickReport};
+#[cfg(feature = "tls")]
+use super::transport::TlsTrust;
+use super::transport::{Broken, Core, Destination, Link, PipeSeed, TURN_BYTES_MAX, Turn, dial};
 use super::wire::Slices;
 use super::{ChannelRef, Encoded, FlowMessage, HubAddress};
 use crate::eventloop::Timer;
 use crate::object::{Handle, ObjectId};
 use crate::signal::Signal;
+use crate::testing::{Bug, is_planted};
 use crate::world::{Readiness, Token};
 use crate::{Cx, attach};
 use bytes::Bytes;
@@ -68,6 +74,11 @@ pub struct SkFlowSat {
     wanted: BTreeMap<String, u16>,
     /// All channels, in step with the events that were told.
     heard: BTreeMap<ChannelRef, Rc<ChannelInfo>>,
+    services: services::Services,
+    sync: sync::Sync,
+    /// How many links there have been.
+    link_number: u64,
+    call_timer: Handle<Timer>,
     /// Its dealings with databases.
     clerk: clerk::Clerk,
     reconnect: Handle<Timer>,
@@ -94,6 +105,10 @@ pub struct SkFlowSat {
     pub channel_removed: Signal<ChannelInfo>,
     /// The hub refused a command; carries the hub's words.
     pub refused: Signal<String>,
+    /// This loop follows a sync channel from now on, or not any more.
+    pub synced: Signal<bool>,
+    /// How a target of a sync channel keeps up: this satellite, or one that follows it. At most once a second.
+    pub sync_report: Signal<TickReport>,
     /// Messages of a subscription were dropped: the channel's full name, the reason, and how many for that
     /// reason since the subscription began.
     pub dropped: Signal<(String, String, u64)>,
@@ -110,9 +125,11 @@ crate::object! {
             channel_added(&ChannelInfo)
             channel_removed(&ChannelInfo)
             refused(String)
+            synced(bool)
+            sync_report(TickReport)
             dropped(String, String, u64)
         }
-        slots { on_check() on_reconnect() }
+        slots { on_check() on_reconnect() on_call_deadline() on_source_tick() }
         hooks { on_destroy }
     }
 }
@@ -120,7 +137,7 @@ crate::object! {
 /// How the hub is reached.
 enum Way {
     Address {
-        to: HubAddress,
+        to: Destination,
         credentials: Credentials,
     },
     /// Inside the process: if that breaks there is no hub any more.
@@ -182,7 +199,24 @@ impl SkFlowSat {
 
     /// As [`connect`](SkFlowSat::connect), with other credentials: the owner's token over TCP.
     pub fn connect_as(cx: &mut Cx, to: &HubAddress, credentials: Credentials) -> Handle<SkFlowSat> {
-        let satellite = SkFlowSat::make(cx, Way::Address { to: to.clone(), credentials });
+        SkFlowSat::connect_to(cx, Destination::from(to), credentials)
+    }
+
+    /// As [`connect_as`](SkFlowSat::connect_as), to a hub that has to show a certificate: at a `tls:` or `wss:`
+    /// address.
+    #[cfg(feature = "tls")]
+    pub fn connect_secured(
+        cx: &mut Cx,
+        to: &HubAddress,
+        credentials: Credentials,
+        trust: TlsTrust,
+    ) -> Handle<SkFlowSat> {
+        let to = Destination { trust: Some(trust), ..Destination::from(to) };
+        SkFlowSat::connect_to(cx, to, credentials)
+    }
+
+    fn connect_to(cx: &mut Cx, to: Destination, credentials: Credentials) -> Handle<SkFlowSat> {
+        let satellite = SkFlowSat::make(cx, Way::Address { to, credentials });
         // It was made just now.
         let _ = cx.with(satellite, |satellite, cx| satellite.open_link(cx));
         satellite
@@ -204,6 +238,8 @@ impl SkFlowSat {
         cx.spawn_with(|cx, this: Handle<SkFlowSat>| {
             let reconnect = cx.under(this).spawn(Timer::default());
             let check = cx.under(this).spawn(Timer::default());
+            let call_timer = cx.under(this).spawn(Timer::default());
+            attach!(cx, call_timer.timeout => this.on_call_deadline);
             attach!(cx, reconnect.timeout => this.on_reconnect);
             attach!(cx, check.timeout => this.on_check);
             // The timer was made just now and is no more gone than this object.
@@ -219,6 +255,10 @@ impl SkFlowSat {
                 own: BTreeMap::new(),
                 wanted: BTreeMap::new(),
                 heard: BTreeMap::new(),
+                services: services::Services::default(),
+                sync: sync::Sync::default(),
+                link_number: 0,
+                call_timer,
                 clerk: clerk::Clerk::default(),
                 reconnect,
                 reconnect_after: RECONNECT_FIRST,
@@ -233,6 +273,8 @@ impl SkFlowSat {
                 channel_added: Signal::new(),
                 channel_removed: Signal::new(),
                 refused: Signal::new(),
+                synced: Signal::new(),
+                sync_report: Signal::new(),
                 dropped: Signal::new(),
             }
         })
@@ -266,7 +308,12 @@ impl SkFlowSat {
     fn begin(&mut self, cx: &mut Cx, link: Box<dyn Link>, token: Token, credentials: Credentials) {
         let mut nonce = [0; 32];
         cx.world().rng.fill(&mut nonce);
-        self.core = Some(SatelliteCore::flow(credentials, nonce, cx.now()));
+        self.link_number += 1;
+        let core = SatelliteCore::flow(credentials, nonce, cx.now());
+        self.core = Some(match link.fragment_bytes_max() {
+            Some(bytes_max) => core.with_fragments_of(bytes_max),
+            None => core,
+        });
         self.link = Some(link);
         self.token = Some(token);
         self.waiting = None;
@@ -288,6 +335,8 @@ impl SkFlowSat {
             own.channel = None;
         }
         self.heard.clear();
+        self.end_services(cx);
+        self.end_sync(cx);
         self.clerk.lose();
         if matches!(self.way, Way::Address { .. }) {
             // The timer is this object's child and lives as long as it.
@@ -338,7 +387,14 @@ impl SkFlowSat {
 
     fn flush_later(&mut self, cx: &mut Cx) {
         let has_output = self.waiting.is_some() || self.core.as_ref().is_some_and(SatelliteCore::has_output);
-        if has_output && !std::mem::replace(&mut self.flush_asked, true) {
+        if has_output {
+            self.flush_in_next_round(cx);
+        }
+    }
+
+    /// In step 7, of the next round if this round's has come.
+    fn flush_in_next_round(&mut self, cx: &mut Cx) {
+        if !std::mem::replace(&mut self.flush_asked, true) {
             let this = cx.this(self);
             cx.write_later(this.id(), flush);
         }
@@ -347,6 +403,7 @@ impl SkFlowSat {
     /// Step 7.
     fn flush(&mut self, cx: &mut Cx) {
         self.flush_asked = false;
+        self.finish_pulses(cx);
         let now = cx.now();
         let (Some(core), Some(mut link)) = (&mut self.core, self.link.take()) else { return };
         let turn = link.write(cx, &mut Side { core, now, waiting: &mut self.waiting });
@@ -396,15 +453,19 @@ impl SkFlowSat {
         while self.clerk.hear(core, &event) {
             event = core.next_event()?;
         }
+        self.note_sync(cx, &event);
         match &event {
             SatelliteEvent::Ready => self.restore(cx),
             SatelliteEvent::Created { channel, name, .. } => {
                 if let Some(own) = self.own.get_mut(own_name(name)) {
                     own.channel = Some(*channel);
                 }
+                self.service_created(own_name(name), *channel);
+                self.sync_created(own_name(name), *channel);
             }
             SatelliteEvent::ChannelAdded(info) => {
                 self.heard.insert(info.channel, Rc::new(info.clone()));
+                self.send_waiting(cx, Some(&info.name));
             }
             SatelliteEvent::ChannelRemoved(info) => {
                 self.heard.remove(&info.channel);
@@ -423,7 +484,7 @@ impl SkFlowSat {
                 tracing::error!("channel {name} cannot be opened: {error}");
             }
         }
-        for (name, depth) in &self.wanted {
+        for (name, depth) in self.wanted.iter().filter(|_| !is_planted(Bug::SubscriptionsForgotten)) {
             if let Err(error) = core.subscribe(name, *depth) {
                 tracing::error!("channel {name} cannot be subscribed to: {error}");
             }
@@ -433,6 +494,8 @@ impl SkFlowSat {
             .introduce("pulse.interval_ms", &(interval.as_secs_f64() * 1000.0).into());
         self.clerk.introduce("pulse.mode", &format!("{mode:?}").into());
         self.clerk.restore(core);
+        self.restore_services(cx);
+        self.restore_sync();
         self.flush_later(cx);
     }
 

@@ -7,6 +7,7 @@ mod delivery;
 mod login;
 mod service_limits;
 mod services;
+mod sync;
 #[cfg(feature = "store")]
 mod stored;
 mod watches;
