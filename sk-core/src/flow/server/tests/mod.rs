@@ -7,9 +7,9 @@ mod delivery;
 mod login;
 mod service_limits;
 mod services;
-mod sync;
 #[cfg(feature = "store")]
 mod stored;
+mod sync;
 mod watches;
 
 use super::super::limits::*;
