@@ -489,15 +489,13 @@ impl SkFlowSat {
                 tracing::error!("channel {name} cannot be subscribed to: {error}");
             }
         }
-        self.restore_services(cx);
-        self.restore_sync();
         let (interval, mode) = (cx.settings().interval, cx.settings().mode);
         self.clerk
             .introduce("pulse.interval_ms", &(interval.as_secs_f64() * 1000.0).into());
         self.clerk.introduce("pulse.mode", &format!("{mode:?}").into());
-        if let Some(core) = &mut self.core {
-            self.clerk.restore(core);
-        }
+        self.clerk.restore(core);
+        self.restore_services(cx);
+        self.restore_sync();
         self.flush_later(cx);
     }
 
