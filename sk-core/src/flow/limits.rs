@@ -41,8 +41,19 @@ pub const SUBSCRIPTION_DEPTH_DEFAULT: u16 = 64;
 /// How many whole messages a subscription may ask to keep.
 pub const SUBSCRIPTION_DEPTH_MAX: u16 = 1_024;
 
+/// How many channels may repeat one another in a row.
+pub const REPLICA_LEVELS_MAX: usize = 8;
+
 /// What may wait for one connection, payloads counted in full. Beyond it its messages are dropped.
 pub const CONNECTION_BYTES_MAX: usize = 32 * 1024 * 1024;
+/// What may wait for all connections together, and be kept for late joiners, shared payloads counted once.
+pub const HUB_BYTES_MAX: usize = 256 * 1024 * 1024;
+/// What is kept of it for late joiners and for those who poll, at most.
+pub const KEPT_BYTES_MAX: usize = HUB_BYTES_MAX / 2;
+/// How much a hub that has too many bytes waiting drops at once, so that it need not look for room each time.
+pub const SHED_BYTES: usize = HUB_BYTES_MAX / 16;
+/// How far the owner of a reliable channel may be ahead of its slowest subscriber before it has to wait.
+pub const CREDIT_BYTES: u64 = 1024 * 1024;
 /// What unfinished messages of one connection may hold together.
 pub const UNFINISHED_BYTES_MAX: usize = 32 * 1024 * 1024;
 /// What one fragment or one waiting message is charged beyond its payload.
@@ -85,5 +96,7 @@ const _: () = {
     assert!(MESSAGE_BYTES_MAX <= UNFINISHED_BYTES_MAX && MESSAGE_BYTES_MAX <= CONNECTION_BYTES_MAX);
     assert!(CHANNELS_MAX == i16::MAX as usize + 1 && CHANNELS_RESERVED_FOR_HUB < CHANNELS_MAX);
     assert!(PROPERTIES_JSON_BYTES_MAX < CONTROL_BYTES_MAX && VALUE_BYTES_MAX < CONTROL_BYTES_MAX / 2);
+    assert!(CREDIT_BYTES as usize + MESSAGE_BYTES_MAX < CONNECTION_BYTES_MAX);
+    assert!(CONNECTION_BYTES_MAX <= KEPT_BYTES_MAX && SHED_BYTES >= MESSAGE_BYTES_MAX);
     assert!(VERSION_OLDEST <= VERSION);
 };

@@ -23,7 +23,7 @@ mod kinds;
 pub mod limits;
 pub mod login;
 mod message;
-
+mod outgoing;
 pub mod satellite;
 pub mod server;
 mod sk_flow_sat;

@@ -5,7 +5,7 @@ use super::super::error::ProtocolError;
 use super::super::fragment::{Gathered, Pieces};
 use super::super::limits::{FRAGMENT_BYTES_MIN, MAGIC, VERSION, VERSION_OLDEST};
 use super::super::{ChannelRef, Command, Event, Flags, Form, Tagged};
-use super::{ChannelInfo, Credentials, Own, SatelliteCore, SatelliteEvent, latest};
+use super::{ChannelInfo, Credentials, Own, SatelliteCore, SatelliteEvent, hear};
 use bytes::{Bytes, BytesMut};
 use sk_flat::Name;
 
@@ -57,10 +57,23 @@ impl SatelliteCore {
             Event::HeaderChanged { channel, properties } => {
                 if let Some(info) = self.channels.get_mut(&channel) {
                     info.properties = properties;
+                    if let Some(own) = self.own.get_mut(&channel) {
+                        own.latched = info.properties.is_latched();
+                    }
                     let info = info.clone();
                     self.events.push_back(SatelliteEvent::HeaderChanged { tag, info });
                 }
             }
+            Event::Attached { replica, source } => {
+                self.events.push_back(SatelliteEvent::Attached { tag, replica, source });
+            }
+            Event::Detached { replica, source } => {
+                self.events.push_back(SatelliteEvent::Detached { tag, replica, source });
+            }
+            Event::Latest { channel, message, payload } => {
+                self.latest(tag, flags, channel, message, payload)?
+            }
+            Event::Credit { channel, bytes } => self.credited(channel, bytes),
             Event::Refused { code, text } => {
                 self.creating.remove(&tag);
                 self.events.push_back(SatelliteEvent::Refused { tag, code, text });
@@ -68,10 +81,6 @@ impl SatelliteCore {
             // Answers to what this satellite does not ask.
             Event::ScramChallenge { .. }
             | Event::UdpOpened { .. }
-            | Event::Attached { .. }
-            | Event::Detached { .. }
-            | Event::Latest { .. }
-            | Event::Credit { .. }
             | Event::Tick { .. }
             | Event::TickReport { .. }
             | Event::Request { .. }
@@ -160,13 +169,15 @@ impl SatelliteCore {
         self.channels.insert(channel, info.clone());
         let created = self.creating.remove(&tag).is_some() && info.owner == self.connection;
         let name = info.name.clone();
-        if let Some(depth) = self.wanted.get(&name) {
-            let command = latest(channel, *depth);
+        if let Some((policy, depth)) = self.wanted.get(&name) {
+            let command = hear(channel, *policy, *depth);
             self.send(&command);
         }
+        let latched = info.properties.is_latched();
         self.events.push_back(SatelliteEvent::ChannelAdded(info));
         if created {
-            self.own.insert(channel, Own { listened: false, next_message: 0 });
+            self.own
+                .insert(channel, Own { listened: false, latched, credit: None, next_message: 0 });
             self.events.push_back(SatelliteEvent::Created { tag, channel, name });
         }
     }
@@ -189,9 +200,44 @@ impl SatelliteCore {
         if listened {
             self.events.push_back(SatelliteEvent::StartPublishing(channel));
         } else {
-            self.lost += self.outbox.stop(channel) as u64;
+            if !own.latched {
+                let (count, cost) = self.outbox.stop(channel);
+                self.lost += count as u64;
+                if let Some(credit) = &mut own.credit {
+                    credit.used -= cost as u64;
+                }
+            }
             self.events.push_back(SatelliteEvent::StopPublishing(channel));
         }
+    }
+
+    fn credited(&mut self, channel: ChannelRef, bytes: u64) {
+        let Some(own) = self.own.get_mut(&channel) else { return };
+        let credit = own.credit.get_or_insert_default();
+        credit.granted = bytes;
+        if credit.used < bytes && std::mem::take(&mut credit.wanted) {
+            self.events.push_back(SatelliteEvent::Room(channel));
+        }
+    }
+
+    fn latest(
+        &mut self,
+        tag: u32,
+        flags: Flags,
+        channel: ChannelRef,
+        message: u32,
+        payload: Bytes,
+    ) -> Result<(), ProtocolError> {
+        let max = self.inbound.message_bytes_max();
+        match self.polled.take(tag, message, flags, payload, max)? {
+            Gathered::More | Gathered::Ignored | Gathered::Aborted => {}
+            Gathered::Overfull => self.lost += 1,
+            Gathered::Whole(pieces) => {
+                let payload = joined(pieces);
+                self.events.push_back(SatelliteEvent::Latest { tag, channel, payload });
+            }
+        }
+        Ok(())
     }
 
     fn data(

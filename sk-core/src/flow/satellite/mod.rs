@@ -5,6 +5,7 @@
 //! references here: a subscription by name waits until the channel exists, and comes into force again when
 //! a channel of that name is opened anew.
 
+mod channels;
 mod event;
 mod incoming;
 mod sending;
@@ -42,7 +43,19 @@ pub enum Credentials {
 #[derive(Debug)]
 struct Own {
     listened: bool,
+    /// The hub keeps its last message, so that it is worth sending while nobody listens.
+    latched: bool,
+    credit: Option<Credit>,
     next_message: u32,
+}
+
+/// What may be published on a reliable channel.
+#[derive(Debug, Default)]
+struct Credit {
+    used: u64,
+    granted: u64,
+    /// A message was turned away for want of it.
+    wanted: bool,
 }
 
 /// A connection to a hub without its socket; see the example of
@@ -61,11 +74,13 @@ pub struct SatelliteCore {
     channels: FxHashMap<ChannelRef, ChannelInfo>,
     names: BTreeMap<String, ChannelRef>,
     own: FxHashMap<ChannelRef, Own>,
-    /// Names that the user wants to hear, with the depth.
-    wanted: BTreeMap<String, u16>,
+    /// Names that the user wants to hear, with the policy and the depth.
+    wanted: BTreeMap<String, (Policy, u16)>,
     /// Names whose creation was asked, by tag.
     creating: BTreeMap<u32, String>,
     gathering: Gathering,
+    /// Answers to polls, by tag.
+    polled: Gathering<u32>,
     listed: Vec<ChannelInfo>,
     events: VecDeque<SatelliteEvent>,
     next_tag: u32,
@@ -104,6 +119,7 @@ impl SatelliteCore {
             wanted: BTreeMap::new(),
             creating: BTreeMap::new(),
             gathering: Gathering::default(),
+            polled: Gathering::default(),
             listed: Vec::new(),
             events: VecDeque::new(),
             next_tag: 0,
@@ -183,6 +199,12 @@ impl SatelliteCore {
         self.own.get(&channel).is_some_and(|own| own.listened)
     }
 
+    /// Whether it is of any use to publish on a channel of one's own: somebody listens, or the hub keeps the
+    /// last message for who will.
+    pub fn is_worthwhile(&self, channel: ChannelRef) -> bool {
+        self.own.get(&channel).is_some_and(|own| own.listened || own.latched)
+    }
+
     /// How many messages were not sent because nobody listened any more, or not received because too many
     /// were unfinished at once.
     pub fn lost(&self) -> u64 {
@@ -213,39 +235,60 @@ impl SatelliteCore {
         self.command(&Command::RemoveChannel { channel })
     }
 
-    /// Publishes a message. Answers `false`, having sent nothing, while nobody listens.
+    /// Publishes a message. Answers `false`, having sent nothing, while nobody listens and the channel has no
+    /// latch.
     ///
     /// # Errors
-    /// If the channel is not one's own, the message is too long, or too much waits: then nothing is sent.
+    /// If the channel is not one's own, the message is too long, or too much waits, here or, of a reliable
+    /// channel, for its slowest subscriber: then nothing is sent. After the latter `Room` says when to go on.
     pub fn publish(&mut self, channel: ChannelRef, payload: Bytes) -> Result<bool, SatelliteError> {
         let max = self.inbound.message_bytes_max();
         let own = self.own.get_mut(&channel).ok_or(SatelliteError::NotOwn(channel))?;
         if payload.len() > max {
             return Err(SatelliteError::TooLong { length: payload.len(), max });
         }
-        if !own.listened {
+        if !own.listened && !own.latched {
             return Ok(false);
+        }
+        let cost = self.outbox.charge(payload.len()) as u64;
+        if let Some(credit) = &mut own.credit
+            && credit.used >= credit.granted
+        {
+            credit.wanted = true;
+            return Err(SatelliteError::Full);
         }
         if !self.outbox.publish(channel, own.next_message, payload) {
             return Err(SatelliteError::Full);
+        }
+        if let Some(credit) = &mut own.credit {
+            credit.used += cost;
         }
         own.next_message = own.next_message.wrapping_add(1);
         Ok(true)
     }
 
-    /// Wants to hear the channel of this full name, now or when it will exist; at most `depth` messages
-    /// wait at the hub, 0 for its default.
+    /// Wants to hear the channel of this full name, now or when it will exist: the newest messages, of which
+    /// at most `depth` wait at the hub, 0 for its default.
     ///
     /// # Errors
     /// If the name cannot be, or the connection is no ready flow.
     pub fn subscribe(&mut self, name: &str, depth: u16) -> Result<(), SatelliteError> {
+        self.subscribe_as(name, Policy::Latest, depth)
+    }
+
+    /// As [`subscribe`](SatelliteCore::subscribe), with a policy. With `All`, the hub ends the connection when
+    /// more than `depth` messages wait.
+    ///
+    /// # Errors
+    /// As [`subscribe`](SatelliteCore::subscribe).
+    pub fn subscribe_as(&mut self, name: &str, policy: Policy, depth: u16) -> Result<(), SatelliteError> {
         self.need_flow("subscribe")?;
         Name::new(name)?;
         let depth = depth.min(SUBSCRIPTION_DEPTH_MAX);
         if let Some(channel) = self.names.get(name).copied() {
-            self.command(&latest(channel, depth))?;
+            self.command(&hear(channel, policy, depth))?;
         }
-        self.wanted.insert(name.to_owned(), depth);
+        self.wanted.insert(name.to_owned(), (policy, depth));
         Ok(())
     }
 
@@ -350,7 +393,7 @@ impl SatelliteCore {
     }
 }
 
-/// The command for a subscription that hears the newest messages.
-fn latest(channel: ChannelRef, depth: u16) -> Command {
-    Command::Subscribe { channel, policy: Policy::Latest, depth, divisor: 1 }
+/// The command for a subscription to a streaming channel.
+fn hear(channel: ChannelRef, policy: Policy, depth: u16) -> Command {
+    Command::Subscribe { channel, policy, depth, divisor: 1 }
 }

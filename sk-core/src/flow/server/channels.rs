@@ -1,24 +1,13 @@
-//! Channels and subscriptions: opening, closing, telling everyone, starting and stopping owners.
+//! Channels: opening, closing, changing, telling everyone.
 
 use super::super::channel::Owner;
 use super::super::delivery::DropReason;
-use super::super::error::{ProtocolError, RefusalCode};
-use super::super::limits::{
-    CHANNELS_PER_FLOW_MAX, SUBSCRIPTION_DEPTH_DEFAULT, SUBSCRIPTION_DEPTH_MAX, SUBSCRIPTIONS_PER_FLOW_MAX,
-};
-use super::super::{
-    ChannelKind, ChannelRef, Encoded, Event, Flags, Form, Message, Policy, Properties, Right, State,
-};
-use super::{ConnectionId, Notice, ServerCore, Subscriber, Subscribers, owning_flow};
+use super::super::error::RefusalCode;
+use super::super::limits::CHANNELS_PER_FLOW_MAX;
+use super::super::{ChannelKind, ChannelRef, Encoded, Event, Flags, Form, Message, Properties, Right, State};
+use super::audience::Subscribers;
+use super::{ConnectionId, Notice, ServerCore, owning_flow};
 use sk_flat::Name;
-
-/// What a subscriber wishes for.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Wish {
-    pub(super) policy: Policy,
-    pub(super) depth: u16,
-    pub(super) divisor: u8,
-}
 
 impl ServerCore {
     pub(super) fn create_channel(
@@ -35,6 +24,7 @@ impl ServerCore {
                     connection.owned.push(channel);
                 }
                 self.tell_added(channel, Some((id, tag)));
+                self.tell_credit(channel);
             }
             Err(code) => self.refuse(id, tag, code),
         }
@@ -58,8 +48,8 @@ impl ServerCore {
         if !properties.is_map() {
             return Err(RefusalCode::BadProperties);
         }
-        self.channels
-            .add(full, kind, Owner::Flow(id.wire()), properties, Subscribers::default())
+        let beside = Subscribers::of(&properties);
+        self.channels.add(full, kind, Owner::Flow(id.wire()), properties, beside)
     }
 
     /// Opens a streaming channel of the hub's own. It outlives every flow; administrators may remove it.
@@ -70,9 +60,8 @@ impl ServerCore {
         if !properties.is_map() {
             return Err(RefusalCode::BadProperties);
         }
-        let channel =
-            self.channels
-                .add(name, ChannelKind::Stream, Owner::Hub, properties, Subscribers::default())?;
+        let beside = Subscribers::of(&properties);
+        let channel = self.channels.add(name, ChannelKind::Stream, Owner::Hub, properties, beside)?;
         self.tell_added(channel, None);
         self.settle();
         Ok(channel)
@@ -108,6 +97,7 @@ impl ServerCore {
         asked: Option<(ConnectionId, u32)>,
         reason: DropReason,
     ) {
+        self.cut_ties(channel);
         let Some((known, subscribers)) = self.channels.remove(channel) else { return };
         for subscriber in subscribers.list {
             if let Some(connection) = self.connections.get_mut(subscriber.connection)
@@ -125,6 +115,36 @@ impl ServerCore {
         let event = Event::ChannelRemoved { channel };
         self.tell_flows(channel, asked, |tag, _| event.encode(tag, Flags::NONE));
         self.notices.push_back(Notice::ChannelRemoved { channel, name: known.name });
+    }
+
+    pub(super) fn change_header(
+        &mut self,
+        id: ConnectionId,
+        tag: u32,
+        channel: ChannelRef,
+        properties: Properties,
+    ) {
+        let Some((known, subscribers)) = self.channels.get_mut(channel) else {
+            return self.refuse(id, tag, RefusalCode::Gone);
+        };
+        if known.owner != Owner::Flow(id.wire()) {
+            return self.refuse(id, tag, RefusalCode::NotOwner);
+        }
+        if !properties.is_map() {
+            return self.refuse(id, tag, RefusalCode::BadProperties);
+        }
+        known.properties = properties.clone();
+        let latch = properties.is_latched();
+        if latch || subscribers.special.is_some() {
+            subscribers.special_mut().latch = latch;
+        }
+        if !latch {
+            self.keep_no_longer(channel);
+        }
+        self.tell_flows(channel, Some((id, tag)), |tag, form| {
+            Event::HeaderChanged { channel, properties: properties.clone().in_form(form) }
+                .encode(tag, Flags::NONE)
+        });
     }
 
     fn tell_added(&mut self, channel: ChannelRef, asked: Option<(ConnectionId, u32)>) {
@@ -193,77 +213,6 @@ impl ServerCore {
             connection.output.control(frame);
             connection.output.fill();
         }
-    }
-
-    pub(super) fn subscribe(
-        &mut self,
-        id: ConnectionId,
-        tag: u32,
-        channel: ChannelRef,
-        wish: Wish,
-    ) -> Result<(), ProtocolError> {
-        let Wish { policy, depth, divisor } = wish;
-        if depth > SUBSCRIPTION_DEPTH_MAX {
-            return Err(ProtocolError::BadValue { kind: "subscribe", field: "depth", value: depth.into() });
-        }
-        let depth = if depth == 0 { SUBSCRIPTION_DEPTH_DEFAULT } else { depth };
-        let Some((known, subscribers)) = self.channels.get_mut(channel) else {
-            self.refuse(id, tag, RefusalCode::Gone);
-            return Ok(());
-        };
-        if known.kind != ChannelKind::Stream || policy != Policy::Latest || divisor != 1 {
-            self.refuse(id, tag, RefusalCode::WrongKind);
-            return Ok(());
-        }
-        let owner = known.owner;
-        let Some(connection) = self.connections.get_mut(id) else { return Ok(()) };
-        let output = &mut connection.output;
-        if !output.is_subscribed(channel) && output.subscriptions() >= SUBSCRIPTIONS_PER_FLOW_MAX {
-            self.refuse(id, tag, RefusalCode::TooManySubscriptions);
-            return Ok(());
-        }
-        let (slot, new) = output.subscribe(channel, usize::from(depth));
-        if new {
-            subscribers.list.push(Subscriber { connection: id, slot });
-        }
-        let first = new && subscribers.list.len() == 1;
-        self.answer(id, tag, &Event::Subscribed { channel });
-        if first {
-            self.tell_owner(channel, owner, true);
-        }
-        Ok(())
-    }
-
-    pub(super) fn unsubscribe(&mut self, id: ConnectionId, tag: u32, channel: ChannelRef) {
-        self.end_subscription(id, channel, DropReason::Gone);
-        self.answer(id, tag, &Event::Unsubscribed { channel });
-    }
-
-    pub(super) fn end_subscription(&mut self, id: ConnectionId, channel: ChannelRef, reason: DropReason) {
-        let Some(connection) = self.connections.get_mut(id) else { return };
-        let Some(counts) = connection.output.unsubscribe(channel, reason) else { return };
-        self.ended.add(&counts);
-        let Some((known, subscribers)) = self.channels.get_mut(channel) else { return };
-        let owner = known.owner;
-        subscribers.list.retain(|subscriber| subscriber.connection != id);
-        if subscribers.list.is_empty() {
-            self.tell_owner(channel, owner, false);
-        }
-    }
-
-    fn tell_owner(&mut self, channel: ChannelRef, owner: Owner, start: bool) {
-        match owner {
-            Owner::Hub if start => self.notices.push_back(Notice::StartPublishing { channel }),
-            Owner::Hub => self.notices.push_back(Notice::StopPublishing { channel }),
-            Owner::Flow(_) => {
-                let Some(owner) = owning_flow(&self.connections, owner) else { return };
-                let event = if start {
-                    Event::StartPublishing { channel }
-                } else {
-                    Event::StopPublishing { channel }
-                };
-                self.answer(owner, 0, &event);
-            }
-        }
+        connection.fill_latest();
     }
 }

@@ -5,6 +5,7 @@ use super::super::error::{ClosingReason, ProtocolError};
 use super::super::fragment::Gathering;
 use super::super::inbound::Inbound;
 use super::super::login::Nonce;
+use super::super::outgoing::Begun;
 use super::super::{ChannelRef, Command, Form};
 use super::output::Output;
 use sk_flat::{Instant, Name};
@@ -106,6 +107,10 @@ pub(super) struct Connection {
     pub(super) gathering: Gathering,
     pub(super) owned: Vec<ChannelRef>,
     pub(super) replay: Option<Replay>,
+    /// Channels that it registered to poll.
+    pub(super) polls: Vec<ChannelRef>,
+    /// The answer to `poll` while it is being given, with its tag.
+    pub(super) latest: Option<Box<(u32, Begun)>>,
     /// Whether it waits for a turn.
     pub(super) queued: bool,
     /// Whether it is listed as having something to write.
@@ -141,6 +146,8 @@ impl Connection {
             gathering: Gathering::default(),
             owned: Vec::new(),
             replay: None,
+            polls: Vec::new(),
+            latest: None,
             queued: false,
             dirty: false,
             opened: now,
@@ -161,9 +168,12 @@ impl Connection {
         }
     }
 
-    /// Whether commands must wait: the connection ends, a list is being told, or its answers pile up.
+    /// Whether commands must wait: the connection ends, a list or a message is being told, or its answers pile up.
     pub(super) fn is_held(&self) -> bool {
-        self.closing.is_some() || self.replay.is_some() || self.output.answers_pile_up()
+        self.closing.is_some()
+            || self.replay.is_some()
+            || self.latest.is_some()
+            || self.output.answers_pile_up()
     }
 
     /// Whether input waits that has not been looked at.

@@ -12,13 +12,20 @@
 //! Once a round the loop calls [`ServerCore::work`] for commands that waited for their turn and
 //! [`ServerCore::tick`] for deadlines.
 
+mod audience;
 mod channels;
 mod connection;
+mod credit;
 mod deadlines;
+mod fan_out;
+mod keeping;
 mod login;
 mod notice;
 mod output;
+mod polling;
 mod publish;
+mod replicas;
+mod subscriptions;
 #[cfg(test)]
 mod tests;
 mod turn;
@@ -28,7 +35,7 @@ pub use notice::Notice;
 
 use super::channel::{Channel, Owner, Registry};
 use super::definition::Encoded;
-use super::delivery::{Counts, DropReason};
+use super::delivery::{Budget, Counts, DropReason};
 use super::error::{ClosingReason, ProtocolError, RefusalCode};
 use super::frame::Flags;
 use super::limits::{
@@ -38,6 +45,7 @@ use super::limits::{
 use super::login::{Nonce, OwnerToken};
 use super::wire::Slices;
 use super::{ChannelRef, Event, Message, State};
+use audience::Subscribers;
 use connection::{Connection, Connections};
 use notice::LogLimit;
 use sk_flat::{Instant, Name};
@@ -59,19 +67,6 @@ pub struct Settings {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[error("the hub serves {CONNECTIONS_MAX} connections already")]
 pub struct TooManyConnections;
-
-/// What the hub keeps beside each channel.
-#[derive(Debug, Default)]
-struct Subscribers {
-    list: Vec<Subscriber>,
-}
-
-/// One subscriber of a channel: the connection and the place of its book there.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Subscriber {
-    connection: ConnectionId,
-    slot: usize,
-}
 
 /// A hub without sockets.
 ///
@@ -111,6 +106,10 @@ pub struct ServerCore {
     to_close: VecDeque<(ConnectionId, ClosingReason)>,
     /// The counts of subscriptions that ended.
     ended: Counts,
+    /// What waits and is kept in all, shared payloads counted once.
+    budget: Budget,
+    /// What is kept for late joiners and those who poll.
+    kept: usize,
     /// How many connections wait for their login.
     waiting: usize,
     late_fragments: u64,
@@ -134,6 +133,8 @@ impl ServerCore {
             notices: VecDeque::new(),
             to_close: VecDeque::new(),
             ended: Counts::default(),
+            budget: Budget::default(),
+            kept: 0,
             waiting: 0,
             late_fragments: 0,
             spurious: 0,
@@ -207,9 +208,9 @@ impl ServerCore {
 
     /// Whether a connection has something to write.
     pub fn has_output(&self, id: ConnectionId) -> bool {
-        self.connections
-            .get(id)
-            .is_some_and(|connection| !connection.output.is_empty() || connection.replay.is_some())
+        self.connections.get(id).is_some_and(|connection| {
+            !connection.output.is_empty() || connection.replay.is_some() || connection.latest.is_some()
+        })
     }
 
     /// The next bytes for the transport, for one vectored write of at most `slices_max` parts.
@@ -294,6 +295,11 @@ impl ServerCore {
         sum
     }
 
+    /// How many bytes wait for all connections or are kept, shared payloads counted once.
+    pub fn bytes_waiting(&self) -> usize {
+        self.budget.used()
+    }
+
     /// How many fragments came for channels that were gone or not their sender's, and were dropped.
     pub fn late_fragments(&self) -> u64 {
         self.late_fragments
@@ -354,6 +360,7 @@ impl ServerCore {
             self.waiting -= usize::from(is_waiting(connection));
             connection.output.end_with(last);
             connection.replay = None;
+            connection.latest = None;
             connection.closing = Some((reason, deadline));
             self.mark_dirty(id);
         }
@@ -368,16 +375,20 @@ impl ServerCore {
         }
     }
 
-    /// Removes what belongs to a connection: its channels and its subscriptions.
+    /// Removes what belongs to a connection: its channels, its subscriptions and what it polls.
     fn clear(&mut self, id: ConnectionId, reason: DropReason) {
         let Some(connection) = self.connections.get_mut(id) else { return };
         let owned = std::mem::take(&mut connection.owned);
         let subscribed = connection.output.channels();
+        let polled = std::mem::take(&mut connection.polls);
         for channel in owned {
             self.remove_channel(channel, None, reason);
         }
         for channel in subscribed {
             self.end_subscription(id, channel, reason);
+        }
+        for channel in polled {
+            self.end_polling(id, channel);
         }
     }
 
@@ -391,6 +402,7 @@ impl ServerCore {
 
     fn after_output(&mut self, id: ConnectionId) {
         self.fill(id);
+        self.give_credit(id);
         let Some(connection) = self.connections.get(id) else { return };
         if let Some((reason, _)) = connection.closing {
             if connection.output.is_empty() {

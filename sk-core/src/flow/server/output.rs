@@ -1,10 +1,10 @@
 //! What one connection is to be sent: control frames, and messages of its subscriptions in turn.
 
-use super::super::ChannelRef;
 use super::super::definition::Encoded;
-use super::super::delivery::{Book, Counts, DropReason, Outgoing};
+use super::super::delivery::{Book, Budget, Counts, DropReason, Offered, Outgoing};
 use super::super::limits::{CONNECTION_BYTES_MAX, CONTROL_BYTES_MAX, FRAGMENT_BYTES_MAX, WIRE_BYTES_AHEAD};
 use super::super::wire::Wire;
+use super::super::{ChannelRef, Policy};
 use rustc_hash::FxHashMap;
 use slab::Slab;
 use std::collections::VecDeque;
@@ -20,6 +20,14 @@ pub(super) enum Note {
     },
 }
 
+/// How a subscription deals with messages that it cannot take at once.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Keep {
+    pub(super) policy: Policy,
+    pub(super) depth: usize,
+    pub(super) reliable: bool,
+}
+
 #[derive(Debug)]
 struct Subscription {
     channel: ChannelRef,
@@ -27,6 +35,8 @@ struct Subscription {
     serial: u64,
     book: Book,
     in_turn: bool,
+    /// Its channel's owner waits for it: what it takes is to be noted.
+    reliable: bool,
     /// The drop counts that the subscriber was told.
     told: [u64; DropReason::ALL.len()],
 }
@@ -44,6 +54,10 @@ pub(super) struct Output {
     turns: VecDeque<usize>,
     /// What all subscriptions together are charged.
     bytes: usize,
+    /// What is kept for it, or of it for late joiners, is charged too.
+    pub(super) kept: usize,
+    /// Reliable channels of which it took something.
+    pub(super) credit_due: Vec<ChannelRef>,
     pub(super) fragment_bytes_max: usize,
     /// Whether messages were dropped that the subscriber was not told of.
     pub(super) has_losses: bool,
@@ -60,6 +74,8 @@ impl Default for Output {
             serial: 0,
             turns: VecDeque::new(),
             bytes: 0,
+            kept: 0,
+            credit_due: Vec::new(),
             fragment_bytes_max: FRAGMENT_BYTES_MAX,
             has_losses: false,
         }
@@ -84,16 +100,23 @@ impl Output {
         self.control_bytes < WIRE_BYTES_AHEAD
     }
 
-    /// Adds a subscription, or changes its depth. Answers its slot, and whether it is new.
-    pub(super) fn subscribe(&mut self, channel: ChannelRef, depth: usize) -> (usize, bool) {
+    /// Adds a subscription, or changes how it deals with what it cannot keep up with. Answers its slot, and
+    /// whether it is new.
+    pub(super) fn subscribe(&mut self, channel: ChannelRef, wish: Keep) -> (usize, bool) {
+        let Keep { policy, depth, reliable } = wish;
         if let Some(slot) = self.slots.get(&channel) {
-            self.subscriptions[*slot].book.set_depth(depth);
+            self.subscriptions[*slot].book.set_policy(policy, depth);
             return (*slot, false);
         }
         self.serial += 1;
-        let told = [0; DropReason::ALL.len()];
-        let subscription =
-            Subscription { channel, serial: self.serial, book: Book::new(depth), in_turn: false, told };
+        let subscription = Subscription {
+            channel,
+            serial: self.serial,
+            book: Book::new(policy, depth),
+            in_turn: false,
+            reliable,
+            told: [0; DropReason::ALL.len()],
+        };
         let slot = self.subscriptions.insert(subscription);
         self.slots.insert(channel, slot);
         (slot, true)
@@ -138,25 +161,64 @@ impl Output {
             .for_each(|(_, subscription)| sum.add(subscription.book.counts()));
     }
 
-    /// Offers a message to a subscription.
-    pub(super) fn offer(&mut self, slot: usize, message: &Outgoing) {
-        let Some(subscription) = self.subscriptions.get_mut(slot) else { return };
+    /// What may wait or be kept beyond all that does.
+    pub(super) fn room(&self) -> usize {
+        CONNECTION_BYTES_MAX.saturating_sub(self.bytes + self.kept)
+    }
+
+    /// What waits.
+    pub(super) fn bytes(&self) -> usize {
+        self.bytes
+    }
+
+    /// Offers a message to a subscription. Answers `false` if it must not miss any and found no room.
+    pub(super) fn offer(&mut self, slot: usize, message: &Outgoing) -> bool {
+        let room = self.room();
+        let Some(subscription) = self.subscriptions.get_mut(slot) else { return true };
         let book = &mut subscription.book;
         let (held, dropped) = (book.bytes(), book.counts().dropped_in_all());
-        book.offer(message, CONNECTION_BYTES_MAX.saturating_sub(self.bytes));
+        let offered = book.offer(message, room);
         self.bytes = self.bytes - held + book.bytes();
         self.has_losses |= book.counts().dropped_in_all() != dropped;
         if book.is_ready() && !subscription.in_turn {
             subscription.in_turn = true;
             self.turns.push_back(slot);
         }
+        offered != Offered::Broken
     }
 
-    /// Tells a subscription's book of a message that its publisher gave up.
-    pub(super) fn aborted(&mut self, slot: usize) {
-        let Some(subscription) = self.subscriptions.get_mut(slot) else { return };
-        subscription.book.aborted();
+    /// Tells a subscription's book of a message that was dropped before it came here. Answers `false` if it
+    /// must not miss any.
+    pub(super) fn missed(&mut self, slot: usize, reason: DropReason) -> bool {
+        let Some(subscription) = self.subscriptions.get_mut(slot) else { return true };
         self.has_losses = true;
+        subscription.book.missed(reason) != Offered::Broken
+    }
+
+    /// Drops what waits, the oldest of each subscription first, until the budget is down to `target`. Answers
+    /// whether something that must not be missed is left.
+    pub(super) fn shed(&mut self, budget: &Budget, target: usize) -> bool {
+        let mut stays = false;
+        for (slot, subscription) in &mut self.subscriptions {
+            let book = &mut subscription.book;
+            while budget.used() > target
+                && let Some(freed) = book.shed()
+            {
+                self.bytes -= freed;
+                self.has_losses = true;
+            }
+            if subscription.in_turn && !book.is_ready() {
+                subscription.in_turn = false;
+                self.turns.retain(|turn| *turn != slot);
+            }
+            stays |= book.policy().0 == Policy::All && book.bytes() > 0;
+        }
+        stays
+    }
+
+    /// What waits of a subscription.
+    pub(super) fn queued(&self, slot: usize) -> usize {
+        self.subscriptions.get(slot).map_or(0, |subscription| subscription.book.bytes())
     }
 
     /// What was dropped since it was last asked: channel, reason and total, for each that changed.
@@ -210,14 +272,14 @@ impl Output {
 
     /// Notes that the transport took `count` bytes.
     pub(super) fn wrote(&mut self, count: usize) {
-        let Output { wire, subscriptions, bytes, .. } = self;
-        wire.wrote(count, |note| ended(subscriptions, bytes, note));
+        let Output { wire, subscriptions, bytes, credit_due, .. } = self;
+        wire.wrote(count, |note| ended(subscriptions, bytes, credit_due, note));
     }
 
     /// Takes a whole frame, for a transport inside the process.
     pub(super) fn take(&mut self) -> Option<Encoded> {
         let (frame, note) = self.wire.take()?;
-        ended(&mut self.subscriptions, &mut self.bytes, note);
+        ended(&mut self.subscriptions, &mut self.bytes, &mut self.credit_due, note);
         Some(frame)
     }
 
@@ -231,11 +293,19 @@ impl Output {
 }
 
 /// A message is delivered when the transport took its last byte, unless its subscription has ended.
-fn ended(subscriptions: &mut Slab<Subscription>, bytes: &mut usize, note: Note) {
+fn ended(
+    subscriptions: &mut Slab<Subscription>,
+    bytes: &mut usize,
+    credit_due: &mut Vec<ChannelRef>,
+    note: Note,
+) {
     if let Note::EndsMessage { slot, serial } = note
         && let Some(subscription) = subscriptions.get_mut(slot)
         && subscription.serial == serial
     {
         *bytes -= subscription.book.delivered();
+        if subscription.reliable && !credit_due.contains(&subscription.channel) {
+            credit_due.push(subscription.channel);
+        }
     }
 }

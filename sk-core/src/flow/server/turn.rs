@@ -4,7 +4,7 @@ use super::super::definition::{Encoded, Tagged};
 use super::super::error::{ProtocolError, RefusalCode};
 use super::super::limits::TURN_COST_MAX;
 use super::super::{ChannelKind, Command, Event, Flags, Message};
-use super::channels::Wish;
+use super::subscriptions::Wish;
 use super::{ConnectionId, ServerCore};
 use sk_flat::Instant;
 
@@ -125,6 +125,14 @@ impl ServerCore {
             Command::Publish { channel, message, payload } => {
                 self.publish(id, tag, flags, super::publish::Piece { channel, message, payload })?;
             }
+            Command::ChangeHeader { channel, properties } => {
+                self.change_header(id, tag, channel, properties);
+            }
+            Command::Attach { replica, source } => self.attach(id, tag, replica, source),
+            Command::Detach { replica } => self.detach(id, tag, replica),
+            Command::PollRegister { channel } => self.poll_register(id, tag, channel),
+            Command::PollDeregister { channel } => self.poll_deregister(id, tag, channel),
+            Command::Poll { channel } => self.poll(id, tag, channel),
             message => self.not_offered(id, tag, flags, &message),
         }
         Ok(())
