@@ -6,6 +6,7 @@ use super::super::error::RefusalCode;
 use super::super::limits::CHANNELS_PER_FLOW_MAX;
 use super::super::{ChannelKind, ChannelRef, Encoded, Event, Flags, Form, Message, Properties, Right, State};
 use super::audience::Subscribers;
+use super::connection::Incoming;
 use super::{ConnectionId, Notice, ServerCore, owning_flow};
 use sk_flat::Name;
 
@@ -57,11 +58,21 @@ impl ServerCore {
     /// # Errors
     /// `Exists`, `NoFreeChannel`, or `BadProperties` if they are not a map.
     pub fn open_channel(&mut self, name: Name, properties: Properties) -> Result<ChannelRef, RefusalCode> {
+        self.open_own(ChannelKind::Stream, name, properties)
+    }
+
+    /// Opens a channel of the hub's own.
+    pub(super) fn open_own(
+        &mut self,
+        kind: ChannelKind,
+        name: Name,
+        properties: Properties,
+    ) -> Result<ChannelRef, RefusalCode> {
         if !properties.is_map() {
             return Err(RefusalCode::BadProperties);
         }
         let beside = Subscribers::of(&properties);
-        let channel = self.channels.add(name, ChannelKind::Stream, Owner::Hub, properties, beside)?;
+        let channel = self.channels.add(name, kind, Owner::Hub, properties, beside)?;
         self.tell_added(channel, None);
         self.settle();
         Ok(channel)
@@ -99,6 +110,9 @@ impl ServerCore {
     ) {
         self.cut_ties(channel);
         let Some((known, subscribers)) = self.channels.remove(channel) else { return };
+        if known.kind == ChannelKind::Service {
+            self.end_requests_to(channel, known.owner);
+        }
         for subscriber in subscribers.list {
             if let Some(connection) = self.connections.get_mut(subscriber.connection)
                 && let Some(counts) = connection.output.unsubscribe(channel, reason)
@@ -110,7 +124,7 @@ impl ServerCore {
             && let Some(connection) = self.connections.get_mut(owner)
         {
             connection.owned.retain(|owned| *owned != channel);
-            connection.gathering.forget(channel);
+            connection.gathering.forget(Incoming::Publish(channel));
         }
         let event = Event::ChannelRemoved { channel };
         self.tell_flows(channel, asked, |tag, _| event.encode(tag, Flags::NONE));

@@ -13,6 +13,7 @@
 //! [`ServerCore::tick`] for deadlines.
 
 mod audience;
+mod books;
 mod channels;
 mod connection;
 mod credit;
@@ -25,13 +26,17 @@ mod output;
 mod polling;
 mod publish;
 mod replicas;
+mod requests;
+mod services;
 mod subscriptions;
+mod talk;
 #[cfg(test)]
 mod tests;
 mod turn;
 
 pub use connection::{ConnectionId, Ending, Origin};
 pub use notice::Notice;
+pub use requests::RequestId;
 
 use super::channel::{Channel, Owner, Registry};
 use super::definition::Encoded;
@@ -48,8 +53,9 @@ use super::{ChannelRef, Event, Message, State};
 use audience::Subscribers;
 use connection::{Connection, Connections};
 use notice::LogLimit;
+use requests::Requests;
 use sk_flat::{Instant, Name};
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use thiserror::Error;
 
 /// How a hub lets people in.
@@ -113,6 +119,11 @@ pub struct ServerCore {
     /// How many connections wait for their login.
     waiting: usize,
     late_fragments: u64,
+    /// The open requests to services.
+    requests: Requests,
+    /// Those of them that the hub itself is to answer.
+    serving: BTreeSet<RequestId>,
+    unmatched_answers: u64,
     spurious: u64,
     log: LogLimit,
     now: Instant,
@@ -137,6 +148,9 @@ impl ServerCore {
             kept: 0,
             waiting: 0,
             late_fragments: 0,
+            requests: Requests::default(),
+            serving: BTreeSet::new(),
+            unmatched_answers: 0,
             spurious: 0,
             log: LogLimit::new(LOG_LINES_PER_SECOND_MAX),
             now,
@@ -180,8 +194,9 @@ impl ServerCore {
     /// Whether the transport should read more from this connection.
     pub fn wants_input(&self, id: ConnectionId) -> bool {
         self.connections.get(id).is_some_and(|connection| {
-            !connection.is_held()
+            !connection.is_unread()
                 && !connection.queued
+                && connection.parts.is_empty()
                 && connection.inbound.pending() <= 2 * FRAGMENT_BYTES_MAX
         })
     }
@@ -300,7 +315,8 @@ impl ServerCore {
         self.budget.used()
     }
 
-    /// How many fragments came for channels that were gone or not their sender's, and were dropped.
+    /// How many fragments came for channels that were gone or not their sender's, or for calls that were over,
+    /// and were dropped.
     pub fn late_fragments(&self) -> u64 {
         self.late_fragments
     }
@@ -375,8 +391,9 @@ impl ServerCore {
         }
     }
 
-    /// Removes what belongs to a connection: its channels, its subscriptions and what it polls.
+    /// Removes what belongs to a connection: its calls, its channels, its subscriptions and what it polls.
     fn clear(&mut self, id: ConnectionId, reason: DropReason) {
+        self.end_calls_of(id);
         let Some(connection) = self.connections.get_mut(id) else { return };
         let owned = std::mem::take(&mut connection.owned);
         let subscribed = connection.output.channels();

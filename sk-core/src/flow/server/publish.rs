@@ -7,6 +7,7 @@ use super::super::fragment::{Gathered, cut};
 use super::super::limits::{FRAGMENT_BYTES_MAX, MESSAGE_BYTES_MAX};
 use super::super::{ChannelRef, Flags};
 use super::audience::Admitted;
+use super::connection::Incoming;
 use super::{ConnectionId, ServerCore};
 use bytes::Bytes;
 
@@ -48,7 +49,10 @@ impl ServerCore {
         }
         let Some(connection) = self.connections.get_mut(id) else { return Ok(()) };
         let bytes_max = connection.inbound.message_bytes_max();
-        match connection.gathering.take(channel, message, flags, payload, bytes_max)? {
+        match connection
+            .gathering
+            .take(Incoming::Publish(channel), message, flags, payload, bytes_max)?
+        {
             Gathered::More | Gathered::Ignored => {}
             // The owner may have sent this before it attached the channel to another one.
             Gathered::Whole(_) if self.is_attached(channel) => self.refuse(id, tag, RefusalCode::Attached),
