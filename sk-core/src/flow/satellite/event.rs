@@ -178,7 +178,10 @@ pub enum SatelliteError {
     /// The channel is not one's own, or is gone.
     #[error("channel {0} is not this satellite's, or is gone")]
     NotOwn(ChannelRef),
-    /// Too much waits to be sent.
+    /// The satellite has opened no channel of this name.
+    #[error("this satellite has opened no channel `{0}`")]
+    NotOpen(String),
+    /// Too much waits to be sent, or for the slowest subscriber of a reliable channel.
     #[error("too many bytes wait to be sent")]
     Full,
     /// The message is longer than was agreed with the hub.

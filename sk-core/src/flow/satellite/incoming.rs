@@ -4,10 +4,23 @@ use super::super::delivery::DropReason;
 use super::super::error::ProtocolError;
 use super::super::fragment::{Gathered, joined};
 use super::super::limits::{FRAGMENT_BYTES_MIN, MAGIC, VERSION, VERSION_OLDEST};
+use super::super::server::Session;
 use super::super::{ChannelRef, Command, Event, Flags, Form, Tagged};
-use super::{ChannelInfo, Credentials, Own, SatelliteCore, SatelliteEvent, hear};
+use super::{ChannelInfo, Credentials, Credit, Own, SatelliteCore, SatelliteEvent, hear};
 use bytes::Bytes;
 use sk_flat::Name;
+
+impl Own {
+    /// A channel that nobody listens to yet. Of a reliable one the hub says what may be published.
+    fn of(info: &ChannelInfo) -> Own {
+        Own {
+            listened: false,
+            latched: info.properties.is_latched(),
+            credit: info.properties.is_reliable().then(Credit::default),
+            next_message: 0,
+        }
+    }
+}
 
 impl SatelliteCore {
     pub(super) fn on_event(&mut self, tagged: Tagged<Event>) -> Result<(), ProtocolError> {
@@ -23,10 +36,7 @@ impl SatelliteCore {
                 self.outbox.command(&Command::Pong {}, tag);
             }
             Event::Pong {} => self.events.push_back(SatelliteEvent::Pong { tag }),
-            Event::FlowBegun { .. } => {
-                self.inbound.advance();
-                self.events.push_back(SatelliteEvent::Ready);
-            }
+            Event::FlowBegun { session, resumed, .. } => self.flow_begun(session, resumed != 0),
             Event::ChannelListed { channel, kind, hash, owner, name, properties } => {
                 self.listed.push(ChannelInfo { channel, kind, hash, owner, name, properties });
             }
@@ -76,6 +86,10 @@ impl SatelliteCore {
             Event::Credit { channel, bytes } => self.credited(channel, bytes),
             Event::Refused { code, text } => {
                 self.creating.remove(&tag);
+                if tag != 0 && tag == self.becoming {
+                    // This connection can become nothing any more.
+                    self.closing = true;
+                }
                 self.events.push_back(SatelliteEvent::Refused { tag, code, text });
             }
             // Answers to what this satellite does not ask.
@@ -156,11 +170,26 @@ impl SatelliteCore {
         self.inbound.advance();
         self.events.push_back(SatelliteEvent::LoggedIn { user, connection });
         if self.wants_flow {
-            self.send(&Command::SetAsync { name: String::new(), session: [0; 16], form: Form::Binary });
+            let name = self.flow_name.clone();
+            self.becoming = self.send(&Command::SetAsync { name, session: self.session, form: Form::Binary });
         } else {
             self.events.push_back(SatelliteEvent::Ready);
         }
         Ok(())
+    }
+
+    fn flow_begun(&mut self, session: Session, resumed: bool) {
+        self.inbound.advance();
+        self.becoming = 0;
+        (self.session, self.resumed) = (session, resumed);
+        let inherited: Vec<ChannelInfo> =
+            self.channels().filter(|info| info.owner == self.connection).cloned().collect();
+        for info in inherited {
+            self.own.insert(info.channel, Own::of(&info));
+            let (channel, name) = (info.channel, info.name);
+            self.events.push_back(SatelliteEvent::Created { tag: 0, channel, name });
+        }
+        self.events.push_back(SatelliteEvent::Ready);
     }
 
     fn added(&mut self, tag: u32, info: ChannelInfo) {
@@ -173,11 +202,10 @@ impl SatelliteCore {
             let command = hear(channel, *policy, *depth);
             self.send(&command);
         }
-        let latched = info.properties.is_latched();
+        let own = created.then(|| Own::of(&info));
         self.events.push_back(SatelliteEvent::ChannelAdded(info));
-        if created {
-            self.own
-                .insert(channel, Own { listened: false, latched, credit: None, next_message: 0 });
+        if let Some(own) = own {
+            self.own.insert(channel, own);
             self.events.push_back(SatelliteEvent::Created { tag, channel, name });
         }
     }

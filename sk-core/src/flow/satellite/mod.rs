@@ -22,6 +22,7 @@ use super::limits::{
     LOGIN_TIME_MAX, PING_AFTER, SILENCE_MAX, SUBSCRIPTION_DEPTH_MAX, VERSION, VERSION_OLDEST,
 };
 use super::login::{Nonce, OwnerToken};
+use super::server::Session;
 use super::wire::Slices;
 use super::{ChannelRef, Command, Event, Form, Inbound, Policy, Properties, State};
 use bytes::Bytes;
@@ -70,6 +71,13 @@ pub struct SatelliteCore {
     hub_nonce: Nonce,
     user: Option<Name>,
     connection: u64,
+    /// What to call the flow, or empty.
+    flow_name: String,
+    /// Of the flow before, whose place this one is to take; then its own.
+    session: Session,
+    resumed: bool,
+    /// The tag of `set_async`, until it is answered.
+    becoming: u32,
     /// All channels, for a flow.
     channels: FxHashMap<ChannelRef, ChannelInfo>,
     names: BTreeMap<String, ChannelRef>,
@@ -98,6 +106,26 @@ impl SatelliteCore {
         SatelliteCore::begin(credentials, nonce, true, now)
     }
 
+    /// The same with a name for the flow: the hub calls it `account.name`, and refuses a second one of that name.
+    pub fn named(mut self, name: &str) -> SatelliteCore {
+        self.name_flow(name);
+        self
+    }
+
+    /// The same for a core that has not logged in yet; later it is of no effect.
+    pub fn name_flow(&mut self, name: &str) {
+        name.clone_into(&mut self.flow_name);
+    }
+
+    /// The same that takes the place of an earlier flow, if the hub still has that: its name, channels,
+    /// subscriptions and current database, with all that waits. The earlier flow's [`session`] proves that it may.
+    ///
+    /// [`session`]: SatelliteCore::session
+    pub fn resuming(mut self, session: Session) -> SatelliteCore {
+        self.session = session;
+        self
+    }
+
     /// A connection that stays synchronous: for a list, and then to be closed.
     pub fn synchronous(credentials: Credentials, nonce: Nonce, now: Instant) -> SatelliteCore {
         SatelliteCore::begin(credentials, nonce, false, now)
@@ -113,6 +141,10 @@ impl SatelliteCore {
             hub_nonce: [0; 32],
             user: None,
             connection: 0,
+            flow_name: String::new(),
+            session: [0; 16],
+            resumed: false,
+            becoming: 0,
             channels: FxHashMap::default(),
             names: BTreeMap::new(),
             own: FxHashMap::default(),
@@ -182,6 +214,21 @@ impl SatelliteCore {
     /// The id of this connection at the hub, 0 before the login.
     pub fn connection(&self) -> u64 {
         self.connection
+    }
+
+    /// The session of this flow, once it is one: who proves it may take this flow's place.
+    pub fn session(&self) -> Session {
+        self.session
+    }
+
+    /// Whether this flow took the place of an earlier one.
+    pub fn is_resumed(&self) -> bool {
+        self.resumed
+    }
+
+    /// Whether the channel of this full name is this flow's own.
+    pub fn owns(&self, name: &str) -> bool {
+        self.names.get(name).is_some_and(|channel| self.own.contains_key(channel))
     }
 
     /// The channel of a full name, for a flow.
@@ -305,6 +352,18 @@ impl SatelliteCore {
         self.need_flow("unsubscribe")?;
         let known = self.names.get(name).copied();
         if let (Some(_), Some(channel)) = (self.wanted.remove(name), known) {
+            self.command(&Command::Unsubscribe { channel })?;
+        }
+        Ok(())
+    }
+
+    /// Ends a subscription that this flow took over with its place and does not want.
+    ///
+    /// # Errors
+    /// If the connection is no ready flow, or too much waits.
+    pub fn renounce(&mut self, name: &str) -> Result<(), SatelliteError> {
+        self.need_flow("unsubscribe")?;
+        if let Some(channel) = self.names.get(name).copied() {
             self.command(&Command::Unsubscribe { channel })?;
         }
         Ok(())

@@ -60,7 +60,7 @@ pub(super) struct Credit {
     /// What came of the message under way: nobody can have taken it yet.
     pub(super) unfinished: u64,
     /// The message under way came when there was none left: all its fragments are dropped, and cost nothing.
-    refusing: bool,
+    pub(super) refusing: bool,
 }
 
 /// What becomes of a fragment on a reliable channel.

@@ -4,7 +4,7 @@ use super::super::channel::Owner;
 use super::super::delivery::DropReason;
 use super::super::error::RefusalCode;
 use super::super::limits::CHANNELS_PER_FLOW_MAX;
-use super::super::{ChannelKind, ChannelRef, Encoded, Event, Flags, Form, Message, Properties, Right, State};
+use super::super::{ChannelKind, ChannelRef, Encoded, Event, Flags, Form, Message, Properties, Right};
 use super::audience::Subscribers;
 use super::connection::Incoming;
 use super::{ConnectionId, Notice, ServerCore, owning_flow};
@@ -177,13 +177,13 @@ impl ServerCore {
         frame: impl Fn(u32, Form) -> Encoded,
     ) {
         let mut made: [Option<Encoded>; 2] = [None, None];
-        for id in self.connections.ids() {
+        for index in 0..self.sessions.flows.len() {
+            let id = self.sessions.flows[index];
             let Some(connection) = self.connections.get(id) else { continue };
-            let flow = connection.inbound.state() == State::Flow && connection.closing.is_none();
             let told = connection
                 .replay
                 .is_none_or(|replay| !replay.begins_flow || replay.next > channel.id as u16);
-            if flow && told {
+            if told && connection.closing.is_none() {
                 let form = connection.form;
                 match asked {
                     Some((asker, tag)) if asker == id => self.send(id, frame(tag, form)),
@@ -216,8 +216,8 @@ impl ServerCore {
                     if flow {
                         self.notices.push_back(Notice::FlowBegun { connection: id });
                         let name = connection.flow.as_ref().map(Name::to_string).unwrap_or_default();
-                        Event::FlowBegun { channels: count, name, session: [0; 16], resumed: 0 }
-                            .encode(tag, Flags::NONE)
+                        let (session, resumed) = (connection.session, connection.resumed.into());
+                        Event::FlowBegun { channels: count, name, session, resumed }.encode(tag, Flags::NONE)
                     } else {
                         Event::ListEnd { count }.encode(tag, Flags::NONE)
                     }
@@ -228,5 +228,8 @@ impl ServerCore {
             connection.output.fill();
         }
         connection.fill_latest();
+        if connection.output.paused && connection.replay.is_none() {
+            self.tell_inherited(id);
+        }
     }
 }

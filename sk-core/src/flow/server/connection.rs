@@ -123,6 +123,9 @@ pub(super) struct Connection {
     pub(super) rights: Rights,
     /// The full name of the flow, once it is one.
     pub(super) flow: Option<Name>,
+    /// What the flow's successor would prove itself with, and whether it is one itself.
+    pub(super) session: [u8; 16],
+    pub(super) resumed: bool,
     /// The form of values in the events of the flow.
     pub(super) form: Form,
     pub(super) gathering: Gathering<Incoming>,
@@ -167,6 +170,8 @@ impl Connection {
             user: None,
             rights: Rights::NONE,
             flow: None,
+            session: [0; 16],
+            resumed: false,
             form: Form::Binary,
             gathering: Gathering::default(),
             calls: BTreeMap::new(),

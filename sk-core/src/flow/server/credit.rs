@@ -4,7 +4,7 @@
 use super::super::limits::CREDIT_BYTES;
 use super::super::{ChannelRef, Event};
 use super::audience::Credit;
-use super::{ConnectionId, ServerCore, owning_flow};
+use super::{ConnectionId, ServerCore};
 
 impl ServerCore {
     /// Looks whether the owner may publish more, now that a subscriber took something or has gone.
@@ -30,8 +30,9 @@ impl ServerCore {
     pub(super) fn tell_credit(&mut self, channel: ChannelRef) {
         let Some((known, subscribers)) = self.channels.get(channel) else { return };
         let credit = subscribers.special.as_ref().and_then(|special| special.credit);
-        if let (Some(credit), Some(owner)) = (credit, owning_flow(&self.connections, known.owner)) {
-            self.answer(owner, 0, &Event::Credit { channel, bytes: credit.granted });
+        let owner = known.owner;
+        if let Some(credit) = credit {
+            self.tell_owning_flow(owner, &Event::Credit { channel, bytes: credit.granted });
         }
     }
 

@@ -70,7 +70,10 @@ impl ServerCore {
 
     fn report_if_due(&mut self, id: ConnectionId) {
         let Some(connection) = self.connections.get_mut(id) else { return };
-        if !connection.output.has_losses || self.now.since(connection.reported) < DROPPED_REPORT_INTERVAL {
+        if !connection.output.has_losses
+            || connection.output.paused
+            || self.now.since(connection.reported) < DROPPED_REPORT_INTERVAL
+        {
             return;
         }
         connection.reported = self.now;

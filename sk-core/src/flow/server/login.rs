@@ -1,6 +1,6 @@
 //! Greeting, login, and the switch to a flow.
 
-use super::super::error::{ClosingReason, ProtocolError, RefusalCode};
+use super::super::error::{ClosingReason, ProtocolError};
 use super::super::limits::{
     FRAGMENT_BYTES_MAX, FRAGMENT_BYTES_MIN, MAGIC, MESSAGE_BYTES_MAX, VERSION, VERSION_OLDEST,
 };
@@ -8,7 +8,6 @@ use super::super::login::{NO_PROOF, Nonce, Proof};
 use super::super::{Event, Form, Rights};
 use super::connection::{Origin, Replay};
 use super::{ConnectionId, Notice, ServerCore};
-use sk_flat::Name;
 
 /// The fields of a client's first frame.
 pub(super) struct Greeting {
@@ -93,20 +92,6 @@ impl ServerCore {
     /// this is no reason to call it spurious.
     fn login_failed(&mut self, id: ConnectionId) {
         self.close(id, ClosingReason::LoginFailed);
-    }
-
-    pub(super) fn set_async(&mut self, id: ConnectionId, tag: u32, name: &str, form: Form) {
-        let Some(connection) = self.connections.get_mut(id) else { return };
-        let Some(user) = &connection.user else { return };
-        let chosen = if name.is_empty() { format!("flow-{}", id.wire()) } else { name.to_owned() };
-        let Ok(full) = Name::new(&chosen).and_then(|name| Name::compose(user, &name)) else {
-            return self.refuse(id, tag, RefusalCode::BadName);
-        };
-        connection.flow = Some(full);
-        connection.form = form;
-        connection.inbound.advance();
-        connection.replay = Some(Replay { tag, form, begins_flow: true, next: 0, told: 0 });
-        self.mark_dirty(id);
     }
 
     pub(super) fn list(&mut self, id: ConnectionId, tag: u32, form: Form) {

@@ -28,6 +28,7 @@ mod publish;
 mod replicas;
 mod requests;
 mod services;
+mod sessions;
 mod subscriptions;
 mod talk;
 #[cfg(test)]
@@ -37,6 +38,7 @@ mod turn;
 pub use connection::{ConnectionId, Ending, Origin};
 pub use notice::Notice;
 pub use requests::RequestId;
+pub use sessions::Session;
 
 use super::channel::{Channel, Owner, Registry};
 use super::definition::Encoded;
@@ -54,6 +56,7 @@ use audience::Subscribers;
 use connection::{Connection, Connections};
 use notice::LogLimit;
 use requests::Requests;
+use sessions::Sessions;
 use sk_flat::{Instant, Name};
 use std::collections::{BTreeSet, VecDeque};
 use thiserror::Error;
@@ -116,6 +119,7 @@ pub struct ServerCore {
     budget: Budget,
     /// What is kept for late joiners and those who poll.
     kept: usize,
+    sessions: Sessions,
     /// How many connections wait for their login.
     waiting: usize,
     late_fragments: u64,
@@ -146,6 +150,7 @@ impl ServerCore {
             ended: Counts::default(),
             budget: Budget::default(),
             kept: 0,
+            sessions: Sessions::default(),
             waiting: 0,
             late_fragments: 0,
             requests: Requests::default(),
@@ -394,6 +399,7 @@ impl ServerCore {
     /// Removes what belongs to a connection: its calls, its channels, its subscriptions and what it polls.
     fn clear(&mut self, id: ConnectionId, reason: DropReason) {
         self.end_calls_of(id);
+        self.end_session(id);
         let Some(connection) = self.connections.get_mut(id) else { return };
         let owned = std::mem::take(&mut connection.owned);
         let subscribed = connection.output.channels();

@@ -41,7 +41,7 @@ pub(super) struct Keep {
 }
 
 #[derive(Debug)]
-struct Subscription {
+pub(super) struct Subscription {
     channel: ChannelRef,
     /// Tells two bearers of one slot apart.
     serial: u64,
@@ -73,6 +73,8 @@ pub(super) struct Output {
     /// Reliable channels of which it took something.
     pub(super) credit_due: Vec<ChannelRef>,
     pub(super) fragment_bytes_max: usize,
+    /// Messages wait until the connection is a flow for its peer too.
+    pub(super) paused: bool,
     /// Whether messages were dropped that the subscriber was not told of.
     pub(super) has_losses: bool,
 }
@@ -92,6 +94,7 @@ impl Default for Output {
             kept: 0,
             credit_due: Vec::new(),
             fragment_bytes_max: FRAGMENT_BYTES_MAX,
+            paused: false,
             has_losses: false,
         }
     }
@@ -135,6 +138,31 @@ impl Output {
         let slot = self.subscriptions.insert(subscription);
         self.slots.insert(channel, slot);
         (slot, true)
+    }
+
+    /// Gives all subscriptions to another connection. What no transport took whole is to be sent anew.
+    pub(super) fn give_away(&mut self) -> Vec<Subscription> {
+        self.slots.clear();
+        self.turns.retain(|turn| !matches!(turn, Turn::Subscription(_)));
+        let given: Vec<Subscription> = self.subscriptions.drain().collect();
+        self.bytes -= given.iter().map(|subscription| subscription.book.bytes()).sum::<usize>();
+        given
+    }
+
+    /// Takes a subscription of another connection over; answers its channel and its slot.
+    pub(super) fn take_over(&mut self, mut given: Subscription) -> (ChannelRef, usize) {
+        given.book.restart();
+        self.serial += 1;
+        given.serial = self.serial;
+        given.in_turn = given.book.is_ready();
+        self.bytes += given.book.bytes();
+        let (channel, ready) = (given.channel, given.in_turn);
+        let slot = self.subscriptions.insert(given);
+        self.slots.insert(channel, slot);
+        if ready {
+            self.turns.push_back(Turn::Subscription(slot));
+        }
+        (channel, slot)
     }
 
     pub(super) fn is_subscribed(&self, channel: ChannelRef) -> bool {
@@ -302,6 +330,9 @@ impl Output {
                 self.control_bytes -= frame.len();
                 self.wire.push(frame, Note::Nothing);
                 continue;
+            }
+            if self.paused {
+                return;
             }
             let slot = match self.turns.pop_front() {
                 None => return,

@@ -9,7 +9,7 @@ use super::super::error::RefusalCode;
 use super::super::limits::REPLICA_LEVELS_MAX;
 use super::super::{ChannelKind, ChannelRef, Event};
 use super::audience::Replica;
-use super::{ConnectionId, ServerCore, owning_flow};
+use super::{ConnectionId, ServerCore};
 
 /// Stands in `detached` for a source where there was none.
 const NO_CHANNEL: ChannelRef = ChannelRef { id: 0, epoch: 0 };
@@ -107,9 +107,7 @@ impl ServerCore {
     pub(super) fn force_apart(&mut self, replica: ChannelRef) {
         let Some((known, beside)) = self.channels.get(replica) else { return };
         let Some(source) = beside.source() else { return };
-        if let Some(owner) = owning_flow(&self.connections, known.owner) {
-            self.answer(owner, 0, &Event::Detached { replica, source });
-        }
+        self.tell_owning_flow(known.owner, &Event::Detached { replica, source });
         self.part(replica);
     }
 

@@ -7,7 +7,7 @@ use super::super::limits::{SUBSCRIPTION_DEPTH_DEFAULT, SUBSCRIPTION_DEPTH_MAX, S
 use super::super::{ChannelKind, ChannelRef, Event, Policy};
 use super::audience::Subscriber;
 use super::output::Keep;
-use super::{ConnectionId, Notice, ServerCore, owning_flow};
+use super::{ConnectionId, Notice, ServerCore};
 
 /// What a subscriber wishes for.
 #[derive(Clone, Copy, Debug)]
@@ -95,13 +95,12 @@ impl ServerCore {
             Owner::Hub if start => self.notices.push_back(Notice::StartPublishing { channel }),
             Owner::Hub => self.notices.push_back(Notice::StopPublishing { channel }),
             Owner::Flow(_) => {
-                let Some(owner) = owning_flow(&self.connections, owner) else { return };
                 let event = if start {
                     Event::StartPublishing { channel }
                 } else {
                     Event::StopPublishing { channel }
                 };
-                self.answer(owner, 0, &event);
+                self.tell_owning_flow(owner, &event);
             }
         }
     }

@@ -113,7 +113,7 @@ impl ServerCore {
             Command::LoginPeer {} => self.login_peer(id, tag),
             Command::Ping {} => self.answer(id, tag, &Event::Pong {}),
             Command::Pong {} => {}
-            Command::SetAsync { name, session: _, form } => self.set_async(id, tag, &name, form),
+            Command::SetAsync { name, session, form } => self.set_async(id, tag, &name, session, form),
             Command::ListChannels { form } => self.list(id, tag, form),
             Command::CreateStream { name, properties } => {
                 self.create_channel(id, tag, ChannelKind::Stream, &name, properties);

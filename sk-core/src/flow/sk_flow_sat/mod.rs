@@ -1,20 +1,22 @@
 //! A satellite as an object: its link to a hub around a [`SatelliteCore`], and the way back when it breaks.
 
+mod channels;
 mod commands;
 mod events;
 
-use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteError, SatelliteEvent};
+use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteEvent};
+use super::server::Session;
 use super::transport::{Broken, Core, Link, PipeSeed, TURN_BYTES_MAX, Turn, dial};
 use super::wire::Slices;
-use super::{ChannelRef, Encoded, FlowMessage, HubAddress};
+use super::{ChannelRef, Encoded, FlowMessage, HubAddress, Policy};
 use crate::eventloop::Timer;
 use crate::object::{Handle, ObjectId};
 use crate::signal::Signal;
 use crate::world::{Readiness, Token};
 use crate::{Cx, attach};
-use bytes::Bytes;
-use sk_flat::{Instant, SkVariant};
-use std::collections::BTreeMap;
+use channels::Own;
+use sk_flat::Instant;
+use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 use std::time::Duration;
 
@@ -56,12 +58,20 @@ pub struct SkFlowSat {
     link: Option<Box<dyn Link>>,
     token: Option<Token>,
     waiting: Option<Encoded>,
-    room: Vec<u8>,
+    read_into: Vec<u8>,
     flush_asked: bool,
     /// What this satellite owns, by its own names; opened again after a reconnection.
     own: BTreeMap<String, Own>,
     /// What it wants to hear, by full names.
-    wanted: BTreeMap<String, u16>,
+    wanted: BTreeMap<String, (Policy, u16)>,
+    /// What it ceased to want while there was no link, and the hub may still think it wants.
+    renounced: BTreeSet<String>,
+    /// What its flow is called, or empty.
+    flow_name: String,
+    /// Of its last flow: with this it takes its own place again after a link broke.
+    session: Session,
+    /// The hub did not let this connection become a flow.
+    turned_away: bool,
     /// All channels, in step with the events that were told.
     heard: BTreeMap<ChannelRef, Rc<ChannelInfo>>,
     reconnect: Handle<Timer>,
@@ -86,6 +96,11 @@ pub struct SkFlowSat {
     pub channel_added: Signal<ChannelInfo>,
     /// A channel is gone, anybody's.
     pub channel_removed: Signal<ChannelInfo>,
+    /// A channel says something else about itself, anybody's.
+    pub header_changed: Signal<ChannelInfo>,
+    /// After [`publish`](Handle#method.publish) answered `false` on a reliable channel, its slowest subscriber has
+    /// caught up; carries the channel's own name.
+    pub room: Signal<String>,
     /// The hub refused a command; carries the hub's words.
     pub refused: Signal<String>,
     /// Messages of a subscription were dropped: the channel's full name, the reason, and how many for that
@@ -103,6 +118,8 @@ crate::object! {
             message(&FlowMessage)
             channel_added(&ChannelInfo)
             channel_removed(&ChannelInfo)
+            header_changed(&ChannelInfo)
+            room(String)
             refused(String)
             dropped(String, String, u64)
         }
@@ -119,11 +136,6 @@ enum Way {
     },
     /// Inside the process: if that breaks there is no hub any more.
     Pipe,
-}
-
-struct Own {
-    properties: SkVariant,
-    channel: Option<ChannelRef>,
 }
 
 struct Side<'a> {
@@ -208,10 +220,14 @@ impl SkFlowSat {
                 link: None,
                 token: None,
                 waiting: None,
-                room: vec![0; TURN_BYTES_MAX],
+                read_into: vec![0; TURN_BYTES_MAX],
                 flush_asked: false,
                 own: BTreeMap::new(),
                 wanted: BTreeMap::new(),
+                renounced: BTreeSet::new(),
+                flow_name: String::new(),
+                session: [0; 16],
+                turned_away: false,
                 heard: BTreeMap::new(),
                 reconnect,
                 reconnect_after: RECONNECT_FIRST,
@@ -225,6 +241,8 @@ impl SkFlowSat {
                 message: Signal::new(),
                 channel_added: Signal::new(),
                 channel_removed: Signal::new(),
+                header_changed: Signal::new(),
+                room: Signal::new(),
                 refused: Signal::new(),
                 dropped: Signal::new(),
             }
@@ -259,7 +277,9 @@ impl SkFlowSat {
     fn begin(&mut self, cx: &mut Cx, link: Box<dyn Link>, token: Token, credentials: Credentials) {
         let mut nonce = [0; 32];
         cx.world().rng.fill(&mut nonce);
-        self.core = Some(SatelliteCore::flow(credentials, nonce, cx.now()));
+        let core = SatelliteCore::flow(credentials, nonce, cx.now());
+        self.core = Some(core.named(&self.flow_name).resuming(self.session));
+        self.turned_away = false;
         self.link = Some(link);
         self.token = Some(token);
         self.waiting = None;
@@ -277,9 +297,7 @@ impl SkFlowSat {
         if let Some(core) = self.core.take() {
             self.losses += core.lost();
         }
-        for own in self.own.values_mut() {
-            own.channel = None;
-        }
+        self.own.values_mut().for_each(Own::forget_channel);
         self.heard.clear();
         if matches!(self.way, Way::Address { .. }) {
             // The timer is this object's child and lives as long as it.
@@ -361,7 +379,7 @@ impl SkFlowSat {
         let wrote = if link.may_write(readiness) { link.write(cx, &mut side) } else { Turn::Done };
         // Read in any case: a hub that takes nothing any more may have said why.
         let read = readiness.readable || wrote == Turn::Over;
-        let mut turn = if read { link.read(cx, &mut side, &mut self.room) } else { Turn::Done };
+        let mut turn = if read { link.read(cx, &mut side, &mut self.read_into) } else { Turn::Done };
         if wrote == Turn::Over && turn == Turn::Done {
             turn = Turn::Over;
         }
@@ -379,86 +397,31 @@ impl SkFlowSat {
         let event = self.core.as_mut()?.next_event()?;
         match &event {
             SatelliteEvent::Ready => self.restore(cx),
-            SatelliteEvent::Created { channel, name, .. } => {
-                if let Some(own) = self.own.get_mut(own_name(name)) {
-                    own.channel = Some(*channel);
-                }
-            }
+            SatelliteEvent::Created { tag, channel, name } => self.created(cx, *tag, *channel, name),
             SatelliteEvent::ChannelAdded(info) => {
                 self.heard.insert(info.channel, Rc::new(info.clone()));
+                self.repeat_new_source(cx, info);
             }
             SatelliteEvent::ChannelRemoved(info) => {
                 self.heard.remove(&info.channel);
+            }
+            SatelliteEvent::HeaderChanged { info, .. } => {
+                self.heard.insert(info.channel, Rc::new(info.clone()));
+            }
+            // Before it is ready nothing else can be refused than to become a flow.
+            SatelliteEvent::Refused { text, .. } if !self.was_ready => {
+                self.turned_away = true;
+                self.farewell = Some(text.clone());
             }
             _ => {}
         }
         Some(event)
     }
 
-    fn restore(&mut self, cx: &mut Cx) {
-        self.reconnect_after = RECONNECT_FIRST;
-        self.was_ready = true;
-        let Some(core) = &mut self.core else { return };
-        for (name, own) in &self.own {
-            if let Err(error) = core.create(name, &own.properties) {
-                tracing::error!("channel {name} cannot be opened: {error}");
-            }
-        }
-        for (name, depth) in &self.wanted {
-            if let Err(error) = core.subscribe(name, *depth) {
-                tracing::error!("channel {name} cannot be subscribed to: {error}");
-            }
-        }
-        self.flush_later(cx);
-    }
-
-    fn own_name_of(&self, channel: ChannelRef) -> Option<String> {
-        let found = self.own.iter().find(|(_, own)| own.channel == Some(channel));
-        found.map(|(name, _)| name.clone())
-    }
-
     /// As it was when the event came: the core may know already that the channel has gone since.
     fn heard_channel(&self, channel: ChannelRef) -> Option<Rc<ChannelInfo>> {
         self.heard.get(&channel).cloned()
     }
-
-    // ---- commands ----
-
-    fn open(&mut self, cx: &mut Cx, name: &str, properties: SkVariant) -> Result<(), SatelliteError> {
-        sk_flat::Name::new(name)?;
-        if self.own.contains_key(name) {
-            // Opened before, by a module that was restarted: the channel and its listeners are kept.
-            return Ok(());
-        }
-        if let Some(core) = self.core.as_mut().filter(|core| core.is_ready()) {
-            core.create(name, &properties)?;
-        }
-        self.own.insert(name.to_owned(), Own { properties, channel: None });
-        self.flush_later(cx);
-        Ok(())
-    }
-
-    fn publish(&mut self, cx: &mut Cx, name: &str, payload: impl FnOnce() -> Option<Bytes>) -> bool {
-        let Some(own) = self.own.get(name) else { return false };
-        let (Some(core), Some(channel)) = (&mut self.core, own.channel) else {
-            self.losses += 1;
-            return false;
-        };
-        if !core.is_listened(channel) {
-            return false;
-        }
-        let sent = payload().is_some_and(|payload| core.publish(channel, payload) == Ok(true));
-        if !sent {
-            self.losses += 1;
-        }
-        self.flush_later(cx);
-        sent
-    }
-}
-
-/// `user.name` without the user.
-fn own_name(full: &str) -> &str {
-    full.split_once('.').map_or(full, |(_, name)| name)
 }
 
 /// The link is ready.
@@ -468,10 +431,12 @@ fn serve(cx: &mut Cx, satellite: ObjectId, readiness: Readiness) -> bool {
     // Events first: a hub says why before it ends a connection.
     events::tell_all(cx, satellite);
     let turn = turn.unwrap_or(Turn::Done);
-    if turn == Turn::Over {
+    let turned_away = cx.with(satellite, |satellite, _| satellite.turned_away) == Ok(true);
+    if turn == Turn::Over || turned_away {
         // A satellite that was destroyed by its own event needs no way back.
         let _ = cx
             .with(satellite, |satellite, cx| satellite.break_link(cx, "the hub ended the connection".into()));
+        return false;
     }
     turn == Turn::More
 }

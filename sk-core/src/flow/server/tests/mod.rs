@@ -10,6 +10,7 @@ mod reliable;
 mod replicas;
 mod service_limits;
 mod services;
+mod sessions;
 
 use super::super::limits::*;
 use super::super::satellite::{Credentials, SatelliteCore, SatelliteEvent};
