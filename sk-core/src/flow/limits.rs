@@ -101,6 +101,18 @@ pub const UNSAVED_PER_FLOW_MAX: usize = 1_024;
 pub const CONNECTIONS_MAX: usize = 16_384;
 /// How many connections may be open at once without a login.
 pub const UNAUTHENTICATED_MAX: usize = 1_024;
+/// How many connections one address may open at once, and how many a second after that.
+pub const CONNECTIONS_PER_ADDRESS_BURST: u64 = 512;
+/// See [`CONNECTIONS_PER_ADDRESS_BURST`].
+pub const CONNECTIONS_PER_ADDRESS_PER_SECOND: u64 = 256;
+/// How many addresses are remembered for such limits.
+pub const ADDRESSES_MAX: usize = 4_096;
+/// How many logins from one address may fail within [`FAILED_LOGINS_WINDOW`]; further ones are answered late.
+pub const FAILED_LOGINS_FREE: u32 = 5;
+/// See [`FAILED_LOGINS_FREE`].
+pub const FAILED_LOGINS_WINDOW: Duration = Duration::from_secs(60);
+/// How late.
+pub const FAILED_LOGIN_DELAY: Duration = Duration::from_secs(1);
 /// The time from the opening of a connection to its login, all of it.
 pub const LOGIN_TIME_MAX: Duration = Duration::from_secs(2);
 /// A side that heard nothing for this long asks with a ping.

@@ -230,6 +230,11 @@ impl SkFlowServer {
                 return;
             }
         };
+        if !self.core.admits(origin, cx.now()) {
+            // Too many at once from there: closed without a word, before it costs anything.
+            cx.remove_source(token);
+            return;
+        }
         let mut nonce = [0; 32];
         cx.world().rng.fill(&mut nonce);
         match self.core.open(origin, nonce, opened) {

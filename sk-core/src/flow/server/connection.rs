@@ -150,6 +150,12 @@ pub(super) struct Connection {
     pub(super) pinged: Instant,
     pub(super) reported: Instant,
     pub(super) frame_begun: Option<Instant>,
+    /// When it is to be looked at, if ever.
+    pub(super) alarm: Option<Instant>,
+    /// Its login failed, and it hears so then: too many failed that came from where it comes from.
+    pub(super) login_refused_at: Option<Instant>,
+    /// Whether it is listed as having lost messages.
+    pub(super) lossy: bool,
     pub(super) closing: Option<(ClosingReason, Instant)>,
 }
 
@@ -188,6 +194,9 @@ impl Connection {
             pinged: now,
             reported: now,
             frame_begun: None,
+            alarm: None,
+            login_refused_at: None,
+            lossy: false,
             closing: None,
         }
     }
@@ -211,6 +220,7 @@ impl Connection {
         self.closing.is_some()
             || self.replay.is_some()
             || self.latest.is_some()
+            || self.login_refused_at.is_some()
             || self.output.answers_pile_up()
     }
 

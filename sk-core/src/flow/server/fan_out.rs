@@ -52,6 +52,10 @@ impl ServerCore {
                 connection.dirty = true;
                 self.dirty.push(subscriber.connection);
             }
+            if connection.output.has_losses && !connection.lossy {
+                connection.lossy = true;
+                self.lossy.push(subscriber.connection);
+            }
         }
     }
 
@@ -62,16 +66,31 @@ impl ServerCore {
             self.to_close.push_back((subscriber.connection, ClosingReason::QueueFull));
         }
         self.mark_dirty(subscriber.connection);
+        self.mark_lossy(subscriber.connection);
+    }
+
+    /// Lists a connection to be told what it lost.
+    fn mark_lossy(&mut self, id: ConnectionId) {
+        if let Some(connection) = self.connections.get_mut(id)
+            && connection.output.has_losses
+            && !connection.lossy
+        {
+            connection.lossy = true;
+            self.lossy.push(id);
+        }
     }
 
     /// A message that nobody gets, here or on a replica: every book is told why.
     pub(super) fn drop_for_all(&mut self, channel: ChannelRef, reason: DropReason) {
         let Some((_, subscribers)) = self.channels.get(channel) else { return };
         for subscriber in &subscribers.list {
-            if let Some(connection) = self.connections.get_mut(subscriber.connection)
-                && !connection.output.missed(subscriber.slot, reason)
-            {
+            let Some(connection) = self.connections.get_mut(subscriber.connection) else { continue };
+            if !connection.output.missed(subscriber.slot, reason) {
                 self.to_close.push_back((subscriber.connection, ClosingReason::QueueFull));
+            }
+            if !connection.lossy {
+                connection.lossy = true;
+                self.lossy.push(subscriber.connection);
             }
         }
         for replica in self.heard_replicas(channel) {
@@ -102,6 +121,7 @@ impl ServerCore {
             {
                 must_not_miss.push(id);
             }
+            self.mark_lossy(id);
         }
         for id in must_not_miss {
             if self.budget.used() <= target {

@@ -2,7 +2,8 @@
 
 use super::super::error::{ClosingReason, ProtocolError};
 use super::super::limits::{
-    FRAGMENT_BYTES_MAX, FRAGMENT_BYTES_MIN, MAGIC, MESSAGE_BYTES_MAX, VERSION, VERSION_OLDEST,
+    FAILED_LOGIN_DELAY, FRAGMENT_BYTES_MAX, FRAGMENT_BYTES_MIN, MAGIC, MESSAGE_BYTES_MAX, VERSION,
+    VERSION_OLDEST,
 };
 use super::super::login::{NO_PROOF, Nonce, Proof};
 use super::super::{Event, Form, Rights};
@@ -89,9 +90,17 @@ impl ServerCore {
     }
 
     /// One attempt for each connection: the nonces are used up. An honest client may hold an old token, so
-    /// this is no reason to call it spurious.
+    /// this is no reason to call it spurious. Where many fail, all that fail are answered late, whatever the
+    /// reason; one that succeeds never is.
     fn login_failed(&mut self, id: ConnectionId) {
-        self.close(id, ClosingReason::LoginFailed);
+        let Some(connection) = self.connections.get_mut(id) else { return };
+        if self.addresses.failed(connection.origin, self.now) {
+            let at = self.now + FAILED_LOGIN_DELAY;
+            connection.login_refused_at = Some(at);
+            self.look_at(id, at);
+        } else {
+            self.close(id, ClosingReason::LoginFailed);
+        }
     }
 
     pub(super) fn list(&mut self, id: ConnectionId, tag: u32, form: Form) {

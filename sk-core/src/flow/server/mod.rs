@@ -12,6 +12,8 @@
 //! Once a round the loop calls [`ServerCore::work`] for commands that waited for their turn and
 //! [`ServerCore::tick`] for deadlines.
 
+mod addresses;
+mod alarms;
 mod audience;
 mod books;
 mod channels;
@@ -47,11 +49,13 @@ use super::error::{ClosingReason, ProtocolError, RefusalCode};
 use super::frame::Flags;
 use super::limits::{
     CHECK_INTERVAL, CONNECTIONS_MAX, FRAGMENT_BYTES_MAX, LINGER_TIME_MAX, LOG_LINES_PER_SECOND_MAX,
-    UNAUTHENTICATED_MAX,
+    LOGIN_TIME_MAX, UNAUTHENTICATED_MAX,
 };
 use super::login::{Nonce, OwnerToken};
 use super::wire::Slices;
 use super::{ChannelRef, Event, Message, State};
+use addresses::Addresses;
+use alarms::Alarms;
 use audience::Subscribers;
 use connection::{Connection, Connections};
 use notice::LogLimit;
@@ -120,8 +124,14 @@ pub struct ServerCore {
     /// What is kept for late joiners and those who poll.
     kept: usize,
     sessions: Sessions,
+    addresses: Addresses,
+    alarms: Alarms,
+    /// Connections that lost messages and were not told yet.
+    lossy: Vec<ConnectionId>,
     /// How many connections wait for their login.
     waiting: usize,
+    /// Those, in the order in which they came, and among them some that wait no more.
+    newcomers: VecDeque<ConnectionId>,
     late_fragments: u64,
     /// The open requests to services.
     requests: Requests,
@@ -151,7 +161,11 @@ impl ServerCore {
             budget: Budget::default(),
             kept: 0,
             sessions: Sessions::default(),
+            addresses: Addresses::default(),
+            alarms: Alarms::default(),
+            lossy: Vec::new(),
             waiting: 0,
+            newcomers: VecDeque::new(),
             late_fragments: 0,
             requests: Requests::default(),
             serving: BTreeSet::new(),
@@ -185,8 +199,21 @@ impl ServerCore {
         }
         let id = self.connections.add(Connection::new(origin, nonce, now));
         self.waiting += 1;
+        while let Some(first) = self.newcomers.front()
+            && !self.connections.get(*first).is_some_and(is_waiting)
+        {
+            self.newcomers.pop_front();
+        }
+        self.newcomers.push_back(id);
+        self.look_at(id, now + LOGIN_TIME_MAX);
         self.settle();
         Ok(id)
+    }
+
+    /// Whether one more connection may come from there now; to be asked before [`open`](ServerCore::open). A
+    /// storm from one address is turned away as cheaply as can be, and does not shut out others.
+    pub fn admits(&mut self, origin: Origin, now: Instant) -> bool {
+        self.addresses.admit(origin, now)
     }
 
     /// Notes that the peer, or the transport, ended a connection.
@@ -383,6 +410,7 @@ impl ServerCore {
             connection.replay = None;
             connection.latest = None;
             connection.closing = Some((reason, deadline));
+            self.alarms.set(id, &mut connection.alarm, deadline);
             self.mark_dirty(id);
         }
     }
