@@ -25,6 +25,7 @@ pub mod limits;
 pub mod login;
 mod message;
 mod outgoing;
+pub mod report;
 pub mod satellite;
 pub mod server;
 mod sk_flow_sat;

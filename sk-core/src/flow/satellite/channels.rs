@@ -1,6 +1,6 @@
 //! What a satellite can do with channels beside publishing and hearing: change, repeat, poll.
 
-use super::super::{ChannelRef, Command, Properties};
+use super::super::{ChannelRef, Command, Form, Properties};
 use super::{SatelliteCore, SatelliteError};
 use sk_flat::SkVariant;
 
@@ -62,6 +62,18 @@ impl SatelliteCore {
     pub fn poll(&mut self, channel: ChannelRef) -> Result<u32, SatelliteError> {
         self.need_synchronous("poll")?;
         self.command(&Command::Poll { channel })
+    }
+
+    /// Asks what the hub knows of itself; `Value` or `Refused` with the tag answers. The subjects, and the types
+    /// to read the answers with, are those of [`report`](crate::flow::report).
+    ///
+    /// # Errors
+    /// If the connection is not ready, or too much waits.
+    pub fn inspect(&mut self, subject: &str) -> Result<u32, SatelliteError> {
+        if !self.is_ready() {
+            return Err(SatelliteError::State("inspect"));
+        }
+        self.command(&Command::Inspect { subject: subject.to_owned(), form: Form::Binary })
     }
 
     fn need_synchronous(&self, command: &'static str) -> Result<(), SatelliteError> {

@@ -21,6 +21,8 @@ mod connection;
 mod credit;
 mod deadlines;
 mod fan_out;
+mod inspect;
+mod inspect_why;
 mod keeping;
 mod login;
 mod notice;
@@ -140,6 +142,7 @@ pub struct ServerCore {
     unmatched_answers: u64,
     spurious: u64,
     log: LogLimit,
+    started: Instant,
     now: Instant,
     next_check: Instant,
     pings: u32,
@@ -172,6 +175,7 @@ impl ServerCore {
             unmatched_answers: 0,
             spurious: 0,
             log: LogLimit::new(LOG_LINES_PER_SECOND_MAX),
+            started: now,
             now,
             next_check: now + CHECK_INTERVAL,
             pings: 0,

@@ -300,6 +300,11 @@ impl Output {
         stays
     }
 
+    /// The book of a subscription.
+    pub(super) fn book(&self, slot: usize) -> Option<&Book> {
+        self.subscriptions.get(slot).map(|subscription| &subscription.book)
+    }
+
     /// What waits of a subscription.
     pub(super) fn queued(&self, slot: usize) -> usize {
         self.subscriptions.get(slot).map_or(0, |subscription| subscription.book.bytes())

@@ -23,6 +23,13 @@ pub(super) struct Sessions {
     pub(super) flows: Vec<ConnectionId>,
 }
 
+impl Sessions {
+    /// The flow of a full name.
+    pub(super) fn by_name(&self, name: &Name) -> Option<ConnectionId> {
+        self.names.get(name).copied()
+    }
+}
+
 /// The session of the connection with this nonce. Only its peer knows the nonce, and learns the session itself
 /// after the login.
 fn session_of(hub_nonce: &[u8; 32]) -> Session {

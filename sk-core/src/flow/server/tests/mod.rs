@@ -3,6 +3,7 @@
 mod channels;
 mod deadlines;
 mod delivery;
+mod inspect;
 mod login;
 mod policies;
 mod polling;
