@@ -1,7 +1,7 @@
 //! Policies, latches, credit, repeating, names and sessions, as a satellite's user meets them.
 
-use sk_core::flow::server::Settings;
 use sk_core::flow::satellite::ChannelInfo;
+use sk_core::flow::server::Settings;
 use sk_core::flow::{FlowMessage, HubAddress, SkFlowSat, SkFlowServer};
 use sk_core::net::{Listener, Socket};
 use sk_core::prelude::*;
@@ -127,7 +127,9 @@ fn a_changed_header_is_heard_and_survives_the_hub() {
     source.open(stage.app.cx(), "imu", map([("unit", "g".into())])).unwrap();
     assert!(source.change_header(stage.app.cx(), "gyro", map([])).is_err(), "it has no such channel");
     stage.run(100);
-    source.change_header(stage.app.cx(), "imu", map([("unit", "m".into())])).unwrap();
+    source
+        .change_header(stage.app.cx(), "imu", map([("unit", "m".into())]))
+        .unwrap();
     stage.run(100);
     assert!(stage.ear(ear, |ear| ear.seen.contains(&r#"robot.imu in "m""#.to_owned())));
     let (cx, server) = (stage.app.cx(), stage.server);
@@ -179,7 +181,7 @@ fn on_a_reliable_channel_a_publisher_that_waits_for_room_loses_nothing() {
     assert!(values.iter().copied().eq(0..count), "{} of {count}", values.len());
 }
 
-/// Publishes a rising number on every tick.
+/// Publishes a rising number now and again. Not on each pulse: in this mode traffic makes the loop pulse.
 struct Source {
     hub: Handle<SkFlowSat>,
     name: &'static str,
@@ -191,6 +193,15 @@ impl Source {
     }
 }
 object! { Source { slots { tick() } } }
+
+impl Source {
+    fn start(cx: &mut Cx, hub: Handle<SkFlowSat>, name: &'static str) {
+        let source = cx.under(hub).spawn(Source { hub, name, count: 0 });
+        let timer = cx.under(hub).spawn(Timer::default());
+        attach!(cx, timer.timeout => source.tick);
+        timer.start(cx, Duration::from_millis(5)).unwrap();
+    }
+}
 
 #[test]
 fn s131_a_channel_repeats_another_one_now_later_and_again() {
@@ -206,8 +217,7 @@ fn s131_a_channel_repeats_another_one_now_later_and_again() {
     for _ in 0..2 {
         let (camera, _) = stage.satellite();
         let cx = stage.app.cx();
-        let source = cx.under(camera).spawn(Source { hub: camera, name: "camera", count: 0 });
-        attach!(cx, cx.fast_zone().pulse => source.tick);
+        Source::start(cx, camera, "camera");
         stage.run(500);
         assert!(!stage.ear(ear, |ear| std::mem::take(&mut ear.values)).is_empty());
         assert!(!repeater.publish(stage.app.cx(), "view", 9), "nobody waits for what it says itself");
@@ -236,7 +246,10 @@ fn a_flow_of_a_name_that_is_taken_comes_in_when_it_is_free() {
     stage.run(3000);
     assert_eq!(stage.ear(firsts, |ear| ear.seen.clone()), ["ready"]);
     let seen = stage.ear(ear, |ear| std::mem::take(&mut ear.seen));
-    assert!(seen.iter().any(|what| what.starts_with("refused")) && !seen.contains(&"ready".into()), "{seen:?}");
+    assert!(
+        seen.iter().any(|what| what.starts_with("refused")) && !seen.contains(&"ready".into()),
+        "{seen:?}"
+    );
     stage.app.cx().destroy_later(first);
     stage.run(6000);
     assert!(stage.ear(ear, |ear| ear.seen.contains(&"ready".into())));
@@ -302,8 +315,7 @@ fn a_satellite_whose_link_broke_unseen_takes_its_place_again_and_nobody_hears_of
     arm.name_flow(cx, "arm").unwrap();
     arm.open(cx, "joints", map([("unit", "rad".into())])).unwrap();
     for (hub, name) in [(arm, "joints"), (other, "camera")] {
-        let source = cx.spawn(Source { hub, name, count: 0 });
-        attach!(cx, cx.fast_zone().pulse => source.tick);
+        Source::start(cx, hub, name);
     }
     arm.subscribe(cx, "robot.camera").unwrap();
     arm.subscribe(cx, "robot.unwanted").unwrap();
@@ -324,7 +336,10 @@ fn a_satellite_whose_link_broke_unseen_takes_its_place_again_and_nobody_hears_of
     assert_eq!(stage.ear(others, |ear| ear.seen.clone()), ["ready"], "its channel was never gone");
     let cx = stage.app.cx();
     assert_eq!(stage.server.channels(cx).unwrap().len(), 2);
-    let flows = cx.with(stage.server, |server, _| server.core().report("graph")).unwrap().unwrap();
+    let flows = cx
+        .with(stage.server, |server, _| server.core().report("graph"))
+        .unwrap()
+        .unwrap();
     let flows = flows.get("flows").and_then(SkVariant::as_list).unwrap().len();
     assert_eq!(flows, 2, "the former ones are gone");
 }

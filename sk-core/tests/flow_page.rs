@@ -150,7 +150,10 @@ fn limits() -> Vec<(&'static str, String)> {
         ("waiting for one connection, and kept of its channels", bytes(CONNECTION_BYTES_MAX)),
         ("waiting for all and kept, shared payloads once", bytes(HUB_BYTES_MAX)),
         ("of that, kept", bytes(KEPT_BYTES_MAX)),
-        ("credit of a reliable channel beyond what its slowest subscriber took", format!("{CREDIT_BYTES} bytes")),
+        (
+            "credit of a reliable channel beyond what its slowest subscriber took",
+            format!("{CREDIT_BYTES} bytes"),
+        ),
         ("waiting control frames of one connection", bytes(CONTROL_BYTES_MAX)),
         ("connections of one address at once", CONNECTIONS_PER_ADDRESS_BURST.to_string()),
         ("and then each second", CONNECTIONS_PER_ADDRESS_PER_SECOND.to_string()),
