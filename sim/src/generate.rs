@@ -44,6 +44,7 @@ enum Kind {
     Bursts,
     LargeBursts,
     Aborts,
+    Churn,
     Slowness,
     Wildness,
     Lateness,
@@ -64,7 +65,7 @@ impl Draw {
     }
 
     fn one_in(&mut self, count: u64) -> bool {
-        self.rng.next_u64() % count == 0
+        self.rng.next_u64().is_multiple_of(count)
     }
 
     fn way(&mut self) -> Way {
@@ -93,6 +94,7 @@ impl Draw {
         let sometimes = [
             Kind::LargeBursts,
             Kind::Aborts,
+            Kind::Churn,
             Kind::Slowness,
             Kind::Wildness,
             Kind::Lateness,
@@ -163,6 +165,20 @@ impl Draw {
                 add(at_us, node, Action::Burst(channel, 1 + self.below(6) as u16, bytes));
             }
             Kind::Aborts => add(at_us, node, Action::Abort(channel, self.below(5000) as u32)),
+            Kind::Churn => {
+                // Everything about one channel, so close together that the orders meet on the way.
+                for _ in 0..3 + self.below(8) {
+                    let at_us = at_us + self.below(2_000);
+                    let (doer, action) = match self.below(5) {
+                        0 => (node, Action::Close(channel)),
+                        1 => (node, Action::Open(channel)),
+                        2 => (other, Action::Hear(node, channel, 0)),
+                        3 => (other, Action::Unhear(node, channel)),
+                        _ => (node, Action::Burst(channel, 1 + self.below(4) as u16, 40)),
+                    };
+                    add(at_us, doer, action);
+                }
+            }
             Kind::Slowness => {
                 add(at_us, node, Action::Slow(1 + self.below(400) as u32));
                 add(later, node, Action::Slow(0));

@@ -3,7 +3,7 @@
 //! A run is one thread, and so is its ledger: actors on any loop of the run write into the same one.
 
 use crate::stamp::{Origin, Stamp, channel_name};
-use sk_core::flow::ChannelRef;
+use sk_core::flow::{ChannelRef, RefusalCode};
 use sk_flat::Instant;
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
@@ -34,6 +34,8 @@ pub enum Rule {
     Honest,
     /// Nothing panics.
     Panic,
+    /// No loop goes round and round while time stands still.
+    Livelock,
     /// A hub that is asked to end ends.
     Ended,
 }
@@ -78,6 +80,10 @@ pub(crate) struct Ledger {
     pub(crate) may_not_publish: BTreeSet<u16>,
     /// The undisturbed pair: who listens and who speaks; nobody once the hub itself was disturbed.
     pub(crate) pair: Option<(u16, u16)>,
+    /// Channels may be refused because of somebody who is no more.
+    pub(crate) ghosts: bool,
+    /// Nodes to which that happened.
+    pub(crate) refused: BTreeSet<u16>,
     /// How many connections sent what may be called spurious.
     pub(crate) wild_sent: u64,
     pub(crate) messages_published: u64,
@@ -135,6 +141,15 @@ impl Ledger {
     /// How many messages of a node's channel were published in that life.
     pub(crate) fn published_by(&self, origin: Origin) -> u64 {
         self.published.get(&origin).copied().unwrap_or(0)
+    }
+
+    /// The hub refused a node something.
+    pub(crate) fn was_refused(&mut self, node: u16, why: &str) {
+        self.note(&[6, node.into(), why.len() as u64, self.now.as_nanos()]);
+        let taken = [RefusalCode::Exists, RefusalCode::NoFreeChannel];
+        if self.ghosts && taken.iter().any(|code| code.to_string() == why) {
+            self.refused.insert(node);
+        }
     }
 
     /// A subscription was given up: the next one of the same connection has a book of its own.

@@ -176,6 +176,11 @@ impl HubBuilder {
         self
     }
 
+    /// The whole configuration, as it is so far.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
     /// The names of the modules that will be added.
     pub fn module_names(&self) -> impl Iterator<Item = &'static str> {
         self.classes.iter().map(ModuleClass::name)

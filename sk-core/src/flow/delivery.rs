@@ -5,6 +5,7 @@ use super::definition::Encoded;
 use super::frame::Flags;
 use super::outgoing::{Begun, data};
 pub use super::outgoing::{Budget, Outgoing, charge_of};
+use crate::testing::{Bug, is_planted};
 use std::collections::VecDeque;
 
 /// Why a message did not reach a subscriber.
@@ -208,7 +209,8 @@ impl Book {
     /// Notes a message that was meant for this subscriber and was dropped before it came here.
     pub fn missed(&mut self, reason: DropReason) -> Offered {
         self.counts.offered += 1;
-        self.counts.dropped[reason as usize] += 1;
+        let unbooked = reason == DropReason::Aborted && is_planted(Bug::AbortUnbooked);
+        self.counts.dropped[reason as usize] += u64::from(!unbooked);
         if self.policy == Policy::All && reason == DropReason::Full {
             Offered::Broken
         } else {
@@ -221,12 +223,23 @@ impl Book {
         if self.policy == Policy::All { None } else { self.drop_oldest(DropReason::Full) }
     }
 
+    fn next_waiting(&mut self) -> Option<Outgoing> {
+        if is_planted(Bug::NewestFirst) {
+            return self.waiting.pop_back();
+        }
+        let message = self.waiting.pop_front()?;
+        if is_planted(Bug::SentTwice) && message.message() % 8 == 7 {
+            self.offer(&message.renumbered(message.message() + 1), usize::MAX);
+        }
+        Some(message)
+    }
+
     /// The next `data` frame with a payload of at most `payload_max`, and whether it ends its message.
     /// Fragments that are longer than this subscriber takes are cut again.
     pub fn next_frame(&mut self, payload_max: usize) -> Option<(Encoded, bool)> {
         let mut begun = match self.begun.take() {
             Some(begun) => begun,
-            None => Begun::new(self.waiting.pop_front()?),
+            None => Begun::new(self.next_waiting()?),
         };
         let (flags, piece, whole) = begun.next_piece(payload_max);
         let (channel, message) = (begun.message.channel(), begun.message.message());

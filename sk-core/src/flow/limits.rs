@@ -53,6 +53,14 @@ pub const DEADLINE_DEFAULT: Duration = Duration::from_secs(5);
 /// How long an answer may be waited for.
 pub const DEADLINE_MAX: Duration = Duration::from_secs(3_600);
 
+/// How often the reports of one target of a sync channel come, at most.
+pub const TICK_REPORT_INTERVAL: Duration = Duration::from_secs(1);
+/// How long a target that was divided down must keep up before it gets more ticks again; longer each time that it
+/// fails.
+pub const SYNC_GOOD_TIME_MIN: Duration = Duration::from_secs(5);
+/// The longest that this becomes.
+pub const SYNC_GOOD_TIME_MAX: Duration = Duration::from_secs(60);
+
 /// What may wait for one connection, payloads counted in full. Beyond it its messages are dropped.
 pub const CONNECTION_BYTES_MAX: usize = 32 * 1024 * 1024;
 /// What may wait for all connections together, and be kept for late joiners, shared payloads counted once.

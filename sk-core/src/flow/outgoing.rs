@@ -7,7 +7,7 @@ use super::frame::{Flags, HEADER_BYTES};
 use super::limits::{ITEM_OVERHEAD_BYTES, SHARED_PAYLOAD_BYTES_MIN};
 use super::{Event, Message as _};
 use bytes::{Bytes, BytesMut};
-use smallvec::SmallVec;
+use smallvec::{SmallVec, smallvec};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -68,6 +68,8 @@ struct Whole {
     channel: ChannelRef,
     message: u32,
     charge: usize,
+    /// It goes before what waits of other channels.
+    is_tick: bool,
     fragments: SmallVec<[Fragment; 1]>,
     charged: Charge,
     /// The message that this one repeats on another channel: its payloads are the same bytes.
@@ -87,12 +89,34 @@ impl Outgoing {
         Outgoing::build(channel, message, pieces.into_iter(), charge, budget.charge(charge), None)
     }
 
+    /// Encodes a tick of a sync channel and charges it to a budget.
+    pub fn tick(channel: ChannelRef, sequence: u64, budget: &Budget) -> Outgoing {
+        let frame = Event::Tick { channel, sequence }.encode(0, Flags::NONE);
+        let fragments = smallvec![Fragment { payload: Bytes::new(), frame }];
+        let charge = ITEM_OVERHEAD_BYTES;
+        let charged = budget.charge(charge);
+        let (message, is_tick, _source) = (0, true, None);
+        Outgoing(Arc::new(Whole { channel, message, charge, is_tick, fragments, charged, _source }))
+    }
+
+    /// Whether it goes before what waits of other channels: a tick is small, and late it is worth nothing.
+    pub fn is_tick(&self) -> bool {
+        self.0.is_tick
+    }
+
     /// The same message on a replicating channel. The payloads are shared, and not charged again.
     pub fn repeated_on(&self, channel: ChannelRef) -> Outgoing {
         let count = self.0.fragments.len();
         let charged = self.0.charged.budget.charge(ITEM_OVERHEAD_BYTES * count);
         let payloads = self.0.fragments.iter().map(|fragment| fragment.payload.clone());
         Outgoing::build(channel, self.0.message, payloads, self.0.charge, charged, Some(self.clone()))
+    }
+
+    /// The same bytes as another message of the channel.
+    pub(super) fn renumbered(&self, message: u32) -> Outgoing {
+        let payloads = self.0.fragments.iter().map(|fragment| fragment.payload.clone());
+        let charged = self.0.charged.budget.charge(0);
+        Outgoing::build(self.0.channel, message, payloads, self.0.charge, charged, Some(self.clone()))
     }
 
     fn build(
@@ -108,7 +132,8 @@ impl Outgoing {
             Fragment::new(channel, message, Flags::of(index == 0, index + 1 == count), payload)
         };
         let fragments = pieces.enumerate().map(fragment).collect();
-        Outgoing(Arc::new(Whole { channel, message, charge, fragments, charged, _source: source }))
+        let is_tick = false;
+        Outgoing(Arc::new(Whole { channel, message, charge, is_tick, fragments, charged, _source: source }))
     }
 
     /// What it is charged to a connection while it waits: its payload and a little for each fragment.

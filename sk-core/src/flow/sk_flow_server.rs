@@ -1,6 +1,7 @@
 //! The hub's server as an object: listeners and links around a [`ServerCore`].
 
 mod doors;
+mod services;
 
 use super::server::{ConnectionId, Notice, Origin, ServerCore, Settings, TooManyConnections};
 use super::transport::{Broken, Core, Link, PipeEnd, PipeSeed, StreamLink, TURN_BYTES_MAX, Turn};
@@ -12,6 +13,7 @@ use crate::net::Door;
 use crate::net::http::HttpServer;
 use crate::object::{Access, Handle, ObjectId};
 use crate::signal::Signal;
+use crate::testing::{Bug, is_planted};
 use crate::world::{Endpoint, Readiness, Stream, Token};
 use crate::{Cx, attach};
 use rustc_hash::FxHashMap;
@@ -58,6 +60,8 @@ pub struct SkFlowServer {
     leaving: Vec<ConnectionId>,
     /// Room for the links of one flush.
     flushing: Vec<Token>,
+    /// What the hub serves itself.
+    services: services::Services,
     ending: Option<Ending>,
     out_of_descriptors: bool,
     flush_asked: bool,
@@ -86,7 +90,7 @@ struct Served {
 crate::object! {
     pub SkFlowServer {
         signals { logged_in(String) channel_added(String) channel_removed(String) ended() }
-        slots { on_check() }
+        slots { on_check() on_request_deadline() }
         hooks { on_destroy }
     }
 }
@@ -137,6 +141,8 @@ impl SkFlowServer {
         cx.named("flow_server").spawn_with(|cx, this: Handle<SkFlowServer>| {
             let timer = cx.under(this).spawn(Timer::default());
             attach!(cx, timer.timeout => this.on_check);
+            let request_timer = cx.under(this).spawn(Timer::default());
+            attach!(cx, request_timer.timeout => this.on_request_deadline);
             // The timer was made just now and is no more gone than this object.
             let _ = timer.start(cx, CHECK_EVERY);
             SkFlowServer {
@@ -150,6 +156,7 @@ impl SkFlowServer {
                 unfinished: Vec::new(),
                 leaving: Vec::new(),
                 flushing: Vec::new(),
+                services: services::Services::new(request_timer),
                 ending: None,
                 out_of_descriptors: false,
                 flush_asked: false,
@@ -230,7 +237,11 @@ impl SkFlowServer {
                 return;
             }
         };
-        if !self.core.admits(origin, cx.now()) {
+        self.take_link(cx, token, Box::new(StreamLink::new(stream)), origin, opened);
+    }
+
+    fn take_link(&mut self, cx: &mut Cx, token: Token, link: Box<dyn Link>, origin: Origin, opened: Instant) {
+        if !self.core.admits(origin, opened) {
             // Too many at once from there: closed without a word, before it costs anything.
             cx.remove_source(token);
             return;
@@ -238,7 +249,7 @@ impl SkFlowServer {
         let mut nonce = [0; 32];
         cx.world().rng.fill(&mut nonce);
         match self.core.open(origin, nonce, opened) {
-            Ok(connection) => self.enlist(token, connection, StreamLink::new(stream)),
+            Ok(connection) => self.enlist(token, connection, link),
             Err(TooManyConnections) => cx.remove_source(token),
         }
         self.after(cx);
@@ -299,6 +310,7 @@ impl SkFlowServer {
             served.held
         });
         self.end_in_turn(cx);
+        self.watch_request_deadlines(cx);
         if self.core.has_work() {
             cx.offer_source(self.work_token);
         }
@@ -334,6 +346,10 @@ impl SkFlowServer {
             Notice::ChannelRemoved { name, .. } => {
                 self.tell(cx, |server| &server.channel_removed, name.to_string());
             }
+            Notice::Request { channel, request, asker, payload } => {
+                self.on_request(cx, channel, request, asker, payload);
+            }
+            Notice::RequestOver { request } => self.on_request_over(cx, request),
             _ => {}
         }
     }
@@ -353,7 +369,13 @@ impl SkFlowServer {
         let mut tokens = std::mem::take(&mut self.flushing);
         tokens.append(&mut self.unfinished);
         tokens.extend(self.core.take_dirty().filter_map(|id| self.tokens.get(&id)));
+        // Only a planted bug lets anybody wait behind another.
+        let mut behind = Vec::new();
         for token in tokens.drain(..) {
+            if !behind.is_empty() {
+                behind.push(token);
+                continue;
+            }
             let Some(served) = self.links.get_mut(&token) else { continue };
             let id = served.connection;
             let Some(mut link) = served.link.take() else { continue };
@@ -368,7 +390,11 @@ impl SkFlowServer {
                 Turn::More => self.unfinished.push(token),
                 Turn::Done | Turn::Held => {}
             }
+            if is_planted(Bug::StuckPeerBlocks) && self.core.has_output(id) {
+                behind.push(token);
+            }
         }
+        tokens.append(&mut behind);
         self.flushing = tokens;
         if self.ending == Some(Ending::Flush) {
             // Those who read have been given all that was queued.

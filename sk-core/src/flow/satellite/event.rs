@@ -3,6 +3,7 @@
 use super::super::delivery::DropReason;
 use super::super::{ChannelKind, ChannelRef, Properties, Value};
 use bytes::Bytes;
+use std::time::Duration;
 use thiserror::Error;
 
 /// What a satellite knows of a channel.
@@ -20,6 +21,25 @@ pub struct ChannelInfo {
     pub name: String,
     /// What its owner says about it.
     pub properties: Properties,
+}
+
+/// How a target of a sync channel keeps up, as the hub measures it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TickReport {
+    /// The sync channel.
+    pub channel: ChannelRef,
+    /// The connection of the target.
+    pub target: u64,
+    /// Whether that is this satellite's own.
+    pub is_own: bool,
+    /// From the hub's sending of a tick to the target's being done with it, the longest since the last report.
+    pub lag: Duration,
+    /// Ticks done in time since the subscription began.
+    pub done: u64,
+    /// Ticks missed since then: left out by the source, or not done before the next one.
+    pub missed: u64,
+    /// Which ticks the target gets now: every one, every second, every fourth.
+    pub divisor: u8,
 }
 
 /// An event of a satellite.
@@ -123,6 +143,40 @@ pub enum SatelliteEvent {
         /// Its bytes, shared with the receive buffer if it came in one fragment.
         payload: Bytes,
     },
+    /// Somebody asks a service of this satellite's.
+    Request {
+        /// The service.
+        channel: ChannelRef,
+        /// To be answered with [`SatelliteCore::answer`](super::SatelliteCore::answer).
+        request: u64,
+        /// The connection that asks.
+        asker: u64,
+        /// What.
+        payload: Bytes,
+    },
+    /// Nobody waits any more for the answer to a request.
+    RequestOver {
+        /// Which.
+        request: u64,
+    },
+    /// An answer to a call. What ends a call otherwise is `Refused` with its tag.
+    Reply {
+        /// Of the call.
+        tag: u32,
+        /// Whether further answers follow.
+        more: bool,
+        /// The answer.
+        payload: Bytes,
+    },
+    /// A tick of a sync channel that is followed.
+    Tick {
+        /// Which.
+        channel: ChannelRef,
+        /// To be said in [`SatelliteCore::tick_done`](super::SatelliteCore::tick_done) after the pulse.
+        sequence: u64,
+    },
+    /// How a target of a sync channel keeps up: this satellite, or one that follows it.
+    TickReport(TickReport),
     /// Messages of a subscription did not come.
     Dropped {
         /// Of which channel.
@@ -178,6 +232,9 @@ pub enum SatelliteError {
     /// The channel is not one's own, or is gone.
     #[error("channel {0} is not this satellite's, or is gone")]
     NotOwn(ChannelRef),
+    /// Nobody waits for an answer to this request any more, or it was never this satellite's.
+    #[error("nobody waits for the answer to request {0}")]
+    NoRequest(u64),
     /// The satellite has opened no channel of this name.
     #[error("this satellite has opened no channel `{0}`")]
     NotOpen(String),

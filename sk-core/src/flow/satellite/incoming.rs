@@ -6,9 +6,12 @@ use super::super::fragment::{Gathered, joined};
 use super::super::limits::{FRAGMENT_BYTES_MIN, MAGIC, VERSION, VERSION_OLDEST};
 use super::super::server::Session;
 use super::super::{ChannelRef, Command, Event, Flags, Form, Tagged};
-use super::{ChannelInfo, Credentials, Credit, Own, SatelliteCore, SatelliteEvent, hear};
+use super::sending::Stream;
+use super::services::{Asked, Incoming};
+use super::{ChannelInfo, Credentials, Credit, Own, SatelliteCore, SatelliteEvent, TickReport, hear};
 use bytes::Bytes;
 use sk_flat::Name;
+use std::time::Duration;
 
 impl Own {
     /// A channel that nobody listens to yet. Of a reliable one the hub says what may be published.
@@ -57,7 +60,7 @@ impl SatelliteCore {
             }
             Event::Subscribed { channel } => self.events.push_back(SatelliteEvent::Subscribed(channel)),
             Event::Unsubscribed { channel } => {
-                self.gathering.forget(channel);
+                self.gathering.forget(Incoming::Data(channel));
                 self.events.push_back(SatelliteEvent::Unsubscribed(channel));
             }
             Event::Done {} => self.events.push_back(SatelliteEvent::Done { tag }),
@@ -74,6 +77,26 @@ impl SatelliteCore {
                     self.events.push_back(SatelliteEvent::HeaderChanged { tag, info });
                 }
             }
+            Event::Request { channel, request, asker, payload } => {
+                self.on_request(flags, Asked { channel, request, asker }, payload)?;
+            }
+            Event::Tick { channel, sequence } => {
+                self.events.push_back(SatelliteEvent::Tick { channel, sequence });
+            }
+            Event::TickReport { channel, target, lag_ns, done, missed, divisor } => {
+                let report = TickReport {
+                    channel,
+                    target,
+                    is_own: target == self.connection,
+                    lag: Duration::from_nanos(lag_ns),
+                    done,
+                    missed,
+                    divisor,
+                };
+                self.events.push_back(SatelliteEvent::TickReport(report));
+            }
+            Event::RequestOver { request } => self.on_request_over(request),
+            Event::Reply { more, payload } => self.on_reply(tag, flags, more, payload)?,
             Event::Attached { replica, source } => {
                 self.events.push_back(SatelliteEvent::Attached { tag, replica, source });
             }
@@ -86,6 +109,7 @@ impl SatelliteCore {
             Event::Credit { channel, bytes } => self.credited(channel, bytes),
             Event::Refused { code, text } => {
                 self.creating.remove(&tag);
+                self.on_call_over(tag);
                 if tag != 0 && tag == self.becoming {
                     // This connection can become nothing any more.
                     self.closing = true;
@@ -95,11 +119,6 @@ impl SatelliteCore {
             // Answers to what this satellite does not ask.
             Event::ScramChallenge { .. }
             | Event::UdpOpened { .. }
-            | Event::Tick { .. }
-            | Event::TickReport { .. }
-            | Event::Request { .. }
-            | Event::RequestOver { .. }
-            | Event::Reply { .. }
             | Event::BlobResume { .. }
             | Event::BlobListed { .. }
             | Event::BlobEntry { .. }
@@ -203,6 +222,7 @@ impl SatelliteCore {
             self.send(&command);
         }
         let own = created.then(|| Own::of(&info));
+        self.follow_if_wanted(&info);
         self.events.push_back(SatelliteEvent::ChannelAdded(info));
         if let Some(own) = own {
             self.own.insert(channel, own);
@@ -212,8 +232,8 @@ impl SatelliteCore {
 
     fn removed(&mut self, channel: ChannelRef) {
         self.own.remove(&channel);
-        self.lost += self.outbox.forget(channel) as u64;
-        self.gathering.forget(channel);
+        self.lost += self.outbox.forget(Stream::Channel(channel)) as u64;
+        self.gathering.forget(Incoming::Data(channel));
         if let Some(info) = self.channels.remove(&channel) {
             if self.names.get(&info.name) == Some(&channel) {
                 self.names.remove(&info.name);
@@ -276,7 +296,7 @@ impl SatelliteCore {
         payload: Bytes,
     ) -> Result<(), ProtocolError> {
         let max = self.inbound.message_bytes_max();
-        match self.gathering.take(channel, message, flags, payload, max)? {
+        match self.gathering.take(Incoming::Data(channel), message, flags, payload, max)? {
             Gathered::More | Gathered::Ignored | Gathered::Aborted => {}
             Gathered::Overfull => self.lost += 1,
             Gathered::Whole(pieces) => {

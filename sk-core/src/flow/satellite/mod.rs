@@ -9,10 +9,13 @@ mod channels;
 mod event;
 mod incoming;
 mod sending;
+mod services;
+mod sync;
 #[cfg(test)]
 mod tests;
 
-pub use event::{ChannelInfo, SatelliteError, SatelliteEvent};
+pub use event::{ChannelInfo, SatelliteError, SatelliteEvent, TickReport};
+pub use sync::Divisor;
 
 use super::definition::Encoded;
 use super::error::ProtocolError;
@@ -27,9 +30,10 @@ use super::wire::Slices;
 use super::{ChannelRef, Command, Event, Form, Inbound, Policy, Properties, State};
 use bytes::Bytes;
 use rustc_hash::FxHashMap;
-use sending::Outbox;
+use sending::{Kind, Outbox};
+use services::Incoming;
 use sk_flat::{Instant, Name, SkVariant};
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 /// How a satellite logs in.
 #[derive(Clone, Debug)]
@@ -84,9 +88,15 @@ pub struct SatelliteCore {
     own: FxHashMap<ChannelRef, Own>,
     /// Names that the user wants to hear, with the policy and the depth.
     wanted: BTreeMap<String, (Policy, u16)>,
+    /// Names of sync channels to be followed.
+    followed: BTreeMap<String, Divisor>,
     /// Names whose creation was asked, by tag.
     creating: BTreeMap<u32, String>,
-    gathering: Gathering,
+    gathering: Gathering<Incoming>,
+    /// The tags of open calls.
+    calls: BTreeSet<u32>,
+    /// The requests that wait for an answer of this satellite's.
+    requests: BTreeSet<u64>,
     /// Answers to polls, by tag.
     polled: Gathering<u32>,
     listed: Vec<ChannelInfo>,
@@ -149,9 +159,12 @@ impl SatelliteCore {
             names: BTreeMap::new(),
             own: FxHashMap::default(),
             wanted: BTreeMap::new(),
+            followed: BTreeMap::new(),
             creating: BTreeMap::new(),
             gathering: Gathering::default(),
             polled: Gathering::default(),
+            calls: BTreeSet::new(),
+            requests: BTreeSet::new(),
             listed: Vec::new(),
             events: VecDeque::new(),
             next_tag: 0,
@@ -161,15 +174,28 @@ impl SatelliteCore {
             heard: now,
             pinged: now,
         };
-        core.send(&Command::Hello {
+        core.greet(FRAGMENT_BYTES_MAX as u32);
+        core
+    }
+
+    /// Proposes shorter fragments: a transport that is slow keeps what is light waiting for less time then. To be
+    /// asked for before the first byte is sent.
+    pub fn with_fragments_of(mut self, bytes_max: u32) -> SatelliteCore {
+        self.outbox = Outbox::default();
+        self.next_tag = 0;
+        self.greet(bytes_max);
+        self
+    }
+
+    fn greet(&mut self, fragment_bytes: u32) {
+        self.send(&Command::Hello {
             magic: MAGIC,
             version: VERSION,
             version_oldest: VERSION_OLDEST,
-            fragment_bytes: FRAGMENT_BYTES_MAX as u32,
+            fragment_bytes,
             message_bytes: MESSAGE_BYTES_MAX as u32,
-            nonce,
+            nonce: self.nonce,
         });
-        core
     }
 
     /// Takes received bytes; what they say comes out of [`next_event`](SatelliteCore::next_event).
@@ -268,12 +294,23 @@ impl SatelliteCore {
     /// # Errors
     /// If the name or the properties cannot be, or the connection is no ready flow.
     pub fn create(&mut self, name: &str, properties: &SkVariant) -> Result<u32, SatelliteError> {
+        let stream = |name, properties| Command::CreateStream { name, properties };
+        self.create_as("create_stream", stream, name, properties)
+    }
+
+    fn create_as(
+        &mut self,
+        what: &'static str,
+        command: impl FnOnce(String, Properties) -> Command,
+        name: &str,
+        properties: &SkVariant,
+    ) -> Result<u32, SatelliteError> {
         let Some(user) = self.user.as_ref().filter(|_| self.is_flow()) else {
-            return Err(SatelliteError::State("create_stream"));
+            return Err(SatelliteError::State(what));
         };
         let full = Name::compose(user, &Name::new(name)?)?;
         let properties = Properties::new(properties)?;
-        let tag = self.command(&Command::CreateStream { name: name.to_owned(), properties })?;
+        let tag = self.command(&command(name.to_owned(), properties))?;
         self.creating.insert(tag, full.to_string());
         Ok(tag)
     }
@@ -309,7 +346,10 @@ impl SatelliteCore {
             credit.wanted = true;
             return Err(SatelliteError::Full);
         }
-        if !self.outbox.publish(channel, own.next_message, payload) {
+        if !self
+            .outbox
+            .message(Kind::Publish { channel, message: own.next_message }, payload)
+        {
             return Err(SatelliteError::Full);
         }
         if let Some(credit) = &mut own.credit {

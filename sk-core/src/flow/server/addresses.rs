@@ -26,7 +26,7 @@ impl Place {
             }
             Origin::Network(address) => Some(Place::Network(address)),
             Origin::Unix { uid } => Some(Place::User(uid)),
-            Origin::Inside { .. } => None,
+            Origin::Line | Origin::Inside { .. } => None,
         }
     }
 }

@@ -110,6 +110,7 @@ impl ServerCore {
     ) {
         self.cut_ties(channel);
         let Some((known, subscribers)) = self.channels.remove(channel) else { return };
+        self.clocks.remove(&channel);
         if known.kind == ChannelKind::Service {
             self.end_requests_to(channel, known.owner);
         }

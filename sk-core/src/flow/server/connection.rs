@@ -48,6 +48,8 @@ pub enum Origin {
         /// The user id that the kernel tells.
         uid: u32,
     },
+    /// Over a serial line.
+    Line,
     /// From inside the hub's own process.
     Inside {
         /// What it may do after `login_peer`.
@@ -60,6 +62,7 @@ impl fmt::Display for Origin {
         match self {
             Origin::Network(address) => write!(f, "{address}"),
             Origin::Unix { uid } => write!(f, "local user {uid}"),
+            Origin::Line => f.write_str("a serial line"),
             Origin::Inside { .. } => f.write_str("this process"),
         }
     }

@@ -70,7 +70,7 @@ impl ServerCore {
         let rights = match connection.origin {
             Origin::Inside { rights } => Some(rights),
             Origin::Unix { uid } if self.settings.owner_uid == Some(uid) => Some(Rights::ALL),
-            Origin::Unix { .. } | Origin::Network(_) => None,
+            Origin::Unix { .. } | Origin::Line | Origin::Network(_) => None,
         };
         match rights {
             Some(rights) => self.logged_in(id, tag, rights, NO_PROOF),

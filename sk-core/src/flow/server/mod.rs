@@ -34,6 +34,8 @@ mod requests;
 mod services;
 mod sessions;
 mod subscriptions;
+mod sync;
+mod sync_target;
 mod talk;
 #[cfg(test)]
 mod tests;
@@ -56,6 +58,7 @@ use super::limits::{
 use super::login::{Nonce, OwnerToken};
 use super::wire::Slices;
 use super::{ChannelRef, Event, Message, State};
+use crate::testing::{Bug, is_planted};
 use addresses::Addresses;
 use alarms::Alarms;
 use audience::Subscribers;
@@ -64,7 +67,8 @@ use notice::LogLimit;
 use requests::Requests;
 use sessions::Sessions;
 use sk_flat::{Instant, Name};
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use sync::Clock;
 use thiserror::Error;
 
 /// How a hub lets people in.
@@ -140,6 +144,8 @@ pub struct ServerCore {
     /// Those of them that the hub itself is to answer.
     serving: BTreeSet<RequestId>,
     unmatched_answers: u64,
+    /// The sync channels and their targets.
+    clocks: BTreeMap<ChannelRef, Clock>,
     spurious: u64,
     log: LogLimit,
     started: Instant,
@@ -173,6 +179,7 @@ impl ServerCore {
             requests: Requests::default(),
             serving: BTreeSet::new(),
             unmatched_answers: 0,
+            clocks: BTreeMap::new(),
             spurious: 0,
             log: LogLimit::new(LOG_LINES_PER_SECOND_MAX),
             started: now,
@@ -376,6 +383,7 @@ impl ServerCore {
     }
 
     fn refuse(&mut self, id: ConnectionId, tag: u32, code: RefusalCode) {
+        assert!(!is_planted(Bug::PanicAtRefusal), "a bug was planted here");
         self.answer(id, tag, &Event::Refused { code: code.code(), text: code.to_string() });
     }
 

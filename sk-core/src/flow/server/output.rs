@@ -232,7 +232,11 @@ impl Output {
         self.has_losses |= book.counts().dropped_in_all() != dropped;
         if book.is_ready() && !subscription.in_turn {
             subscription.in_turn = true;
-            self.turns.push_back(Turn::Subscription(slot));
+            if message.is_tick() {
+                self.turns.push_front(Turn::Subscription(slot));
+            } else {
+                self.turns.push_back(Turn::Subscription(slot));
+            }
         }
         offered != Offered::Broken
     }

@@ -5,10 +5,11 @@ use super::super::delivery::{DropReason, charge_of};
 use super::super::error::{ProtocolError, RefusalCode};
 use super::super::fragment::{Gathered, cut};
 use super::super::limits::{FRAGMENT_BYTES_MAX, MESSAGE_BYTES_MAX};
-use super::super::{ChannelRef, Flags};
+use super::super::{ChannelKind, ChannelRef, Flags};
 use super::audience::Admitted;
 use super::connection::Incoming;
 use super::{ConnectionId, ServerCore};
+use crate::testing::{Bug, is_planted};
 use bytes::Bytes;
 
 /// The fields of a `publish`.
@@ -28,12 +29,21 @@ impl ServerCore {
     ) -> Result<(), ProtocolError> {
         let Piece { channel, message, payload } = piece;
         let mut found = self.channels.get_mut(channel);
-        let owner = found.as_ref().map(|(known, _)| known.owner);
+        let (owner, kind) = found.as_ref().map(|(known, _)| (known.owner, known.kind)).unzip();
         if owner != Some(Owner::Flow(id.wire())) {
             // A channel may go while fragments for it are under way: refuse a message once, drop the rest.
             self.late_fragments += 1;
+            if is_planted(Bug::RaceIsSpurious) && owner.is_none() {
+                return Err(ProtocolError::FragmentSequence { message });
+            }
             if flags.has(Flags::FIRST) {
                 self.refuse(id, tag, if owner.is_none() { RefusalCode::Gone } else { RefusalCode::NotOwner });
+            }
+            return Ok(());
+        }
+        if kind != Some(ChannelKind::Stream) {
+            if flags.has(Flags::FIRST) {
+                self.refuse(id, tag, RefusalCode::WrongKind);
             }
             return Ok(());
         }

@@ -13,7 +13,7 @@ use super::requests::{Request, RequestId};
 use super::talk::{Kind, Talk, TalkKey};
 use super::{ConnectionId, Notice, ServerCore, owning_flow};
 use bytes::Bytes;
-use sk_flat::Name;
+use sk_flat::{Instant, Name};
 use std::time::Duration;
 
 /// The fields of a `call`.
@@ -414,6 +414,16 @@ impl ServerCore {
         self.end_request(request, Some((RefusalCode::Declined, text)));
         self.settle();
         true
+    }
+
+    /// Whether a request to a service of the hub's own waits for its answer.
+    pub fn is_asked(&self, request: RequestId) -> bool {
+        self.serving.contains(&request)
+    }
+
+    /// The first deadline of an open request.
+    pub fn next_request_deadline(&self) -> Option<Instant> {
+        self.requests.next_deadline()
     }
 
     /// How many requests are open.

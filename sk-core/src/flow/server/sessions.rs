@@ -91,7 +91,9 @@ impl ServerCore {
         come.output.kept = kept;
         come.output.paused = true;
         for subscription in subscriptions {
+            let Some(come) = self.connections.get_mut(new) else { break };
             let (channel, slot) = come.output.take_over(subscription);
+            self.move_target(channel, old, new, slot);
             let Some((_, beside)) = self.channels.get_mut(channel) else { continue };
             if let Some(known) = beside.list.iter_mut().find(|known| known.connection == old) {
                 known.connection = new;

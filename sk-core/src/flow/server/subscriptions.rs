@@ -7,7 +7,9 @@ use super::super::limits::{SUBSCRIPTION_DEPTH_DEFAULT, SUBSCRIPTION_DEPTH_MAX, S
 use super::super::{ChannelKind, ChannelRef, Event, Policy};
 use super::audience::Subscriber;
 use super::output::Keep;
+use super::sync::is_divisor;
 use super::{ConnectionId, Notice, ServerCore};
+use crate::testing::{Bug, is_planted};
 
 /// What a subscriber wishes for.
 #[derive(Clone, Copy, Debug)]
@@ -34,7 +36,15 @@ impl ServerCore {
             self.refuse(id, tag, RefusalCode::Gone);
             return Ok(());
         };
-        if known.kind != ChannelKind::Stream || divisor != 1 {
+        let is_sync = known.kind == ChannelKind::Sync;
+        if is_sync && !is_divisor(divisor) {
+            let value = divisor.into();
+            return Err(ProtocolError::BadValue { kind: "subscribe", field: "divisor", value });
+        }
+        // Of ticks only the newest is worth anything.
+        let depth = if is_sync { 1 } else { depth };
+        let is_stream = known.kind == ChannelKind::Stream && divisor == 1;
+        if !(is_stream || is_sync && policy == Policy::Latest) {
             self.refuse(id, tag, RefusalCode::WrongKind);
             return Ok(());
         }
@@ -51,6 +61,9 @@ impl ServerCore {
         let was_heard = subscribers.is_heard();
         if new {
             subscribers.list.push(Subscriber { connection: id, slot });
+        }
+        if is_sync {
+            self.add_target(id, channel, slot, divisor);
         }
         self.answer(id, tag, &Event::Subscribed { channel });
         if new {
@@ -71,9 +84,12 @@ impl ServerCore {
         let Some(connection) = self.connections.get_mut(id) else { return };
         let Some(counts) = connection.output.unsubscribe(channel, reason) else { return };
         self.ended.add(&counts);
+        self.remove_target(id, channel);
         let Some((_, subscribers)) = self.channels.get_mut(channel) else { return };
         let was_heard = subscribers.is_heard();
-        subscribers.list.retain(|subscriber| subscriber.connection != id);
+        if !(is_planted(Bug::SubscriptionKept) && reason == DropReason::Gone) {
+            subscribers.list.retain(|subscriber| subscriber.connection != id);
+        }
         self.audience_changed(channel, was_heard);
         self.renew_credit(channel);
     }

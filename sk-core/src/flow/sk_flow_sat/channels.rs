@@ -4,6 +4,7 @@ use super::SkFlowSat;
 use crate::Cx;
 use crate::flow::satellite::{ChannelInfo, SatelliteCore, SatelliteError};
 use crate::flow::{ChannelRef, Policy};
+use crate::testing::{Bug, is_planted};
 use bytes::Bytes;
 use sk_flat::SkVariant;
 
@@ -49,9 +50,12 @@ impl SkFlowSat {
         for (name, own) in self.own.iter().filter(|(_, own)| own.channel.is_none()) {
             log_failure(name, core.create(name, &own.properties));
         }
-        for (name, (policy, depth)) in &self.wanted {
+        for (name, (policy, depth)) in self.wanted.iter().filter(|_| !is_planted(Bug::SubscriptionsForgotten))
+        {
             log_failure(name, core.subscribe_as(name, *policy, *depth));
         }
+        self.restore_services(cx);
+        self.restore_sync();
         self.flush_later(cx);
     }
 
@@ -229,6 +233,6 @@ fn log_failure<T>(name: &str, outcome: Result<T, SatelliteError>) {
 }
 
 /// `user.name` without the user.
-fn own_name(full: &str) -> &str {
+pub(super) fn own_name(full: &str) -> &str {
     full.split_once('.').map_or(full, |(_, name)| name)
 }

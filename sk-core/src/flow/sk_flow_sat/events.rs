@@ -15,6 +15,9 @@ pub(super) fn tell_all(cx: &mut Cx, satellite: Handle<SkFlowSat>) {
 }
 
 fn tell(cx: &mut Cx, satellite: Handle<SkFlowSat>, event: SatelliteEvent) {
+    if super::services::tell(cx, satellite, &event) {
+        return;
+    }
     match event {
         SatelliteEvent::Ready => cx.emit_own(satellite, |s| &s.ready, &()),
         SatelliteEvent::ChannelAdded(info) => cx.emit_own(satellite, |s| &s.channel_added, &info),
@@ -58,6 +61,7 @@ fn tell(cx: &mut Cx, satellite: Handle<SkFlowSat>, event: SatelliteEvent) {
                 cx.emit_own(satellite, |s| &s.refused, &text);
             }
         }
+        SatelliteEvent::TickReport(report) => cx.emit_own(satellite, |s| &s.sync_report, &report),
         _ => {}
     }
 }

@@ -3,10 +3,16 @@
 mod channels;
 mod commands;
 mod events;
+mod services;
+mod sync;
 
-use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteEvent};
+pub(crate) use services::doc_or_map;
+
+use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteEvent, TickReport};
 use super::server::Session;
-use super::transport::{Broken, Core, Link, PipeSeed, TURN_BYTES_MAX, Turn, dial};
+#[cfg(feature = "tls")]
+use super::transport::TlsTrust;
+use super::transport::{Broken, Core, Destination, Link, PipeSeed, TURN_BYTES_MAX, Turn, dial};
 use super::wire::Slices;
 use super::{ChannelRef, Encoded, FlowMessage, HubAddress, Policy};
 use crate::eventloop::Timer;
@@ -14,7 +20,7 @@ use crate::object::{Handle, ObjectId};
 use crate::signal::Signal;
 use crate::world::{Readiness, Token};
 use crate::{Cx, attach};
-use channels::Own;
+use channels::{Own, own_name};
 use sk_flat::Instant;
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
@@ -74,6 +80,11 @@ pub struct SkFlowSat {
     turned_away: bool,
     /// All channels, in step with the events that were told.
     heard: BTreeMap<ChannelRef, Rc<ChannelInfo>>,
+    services: services::Services,
+    sync: sync::Sync,
+    /// How many links there have been.
+    link_number: u64,
+    call_timer: Handle<Timer>,
     reconnect: Handle<Timer>,
     reconnect_after: Duration,
     losses: u64,
@@ -103,6 +114,10 @@ pub struct SkFlowSat {
     pub room: Signal<String>,
     /// The hub refused a command; carries the hub's words.
     pub refused: Signal<String>,
+    /// This loop follows a sync channel from now on, or not any more.
+    pub synced: Signal<bool>,
+    /// How a target of a sync channel keeps up: this satellite, or one that follows it. At most once a second.
+    pub sync_report: Signal<TickReport>,
     /// Messages of a subscription were dropped: the channel's full name, the reason, and how many for that
     /// reason since the subscription began.
     pub dropped: Signal<(String, String, u64)>,
@@ -121,9 +136,11 @@ crate::object! {
             header_changed(&ChannelInfo)
             room(String)
             refused(String)
+            synced(bool)
+            sync_report(TickReport)
             dropped(String, String, u64)
         }
-        slots { on_check() on_reconnect() }
+        slots { on_check() on_reconnect() on_call_deadline() on_source_tick() }
         hooks { on_destroy }
     }
 }
@@ -131,7 +148,7 @@ crate::object! {
 /// How the hub is reached.
 enum Way {
     Address {
-        to: HubAddress,
+        to: Destination,
         credentials: Credentials,
     },
     /// Inside the process: if that breaks there is no hub any more.
@@ -188,7 +205,24 @@ impl SkFlowSat {
 
     /// As [`connect`](SkFlowSat::connect), with other credentials: the owner's token over TCP.
     pub fn connect_as(cx: &mut Cx, to: &HubAddress, credentials: Credentials) -> Handle<SkFlowSat> {
-        let satellite = SkFlowSat::make(cx, Way::Address { to: to.clone(), credentials });
+        SkFlowSat::connect_to(cx, Destination::from(to), credentials)
+    }
+
+    /// As [`connect_as`](SkFlowSat::connect_as), to a hub that has to show a certificate: at a `tls:` or `wss:`
+    /// address.
+    #[cfg(feature = "tls")]
+    pub fn connect_secured(
+        cx: &mut Cx,
+        to: &HubAddress,
+        credentials: Credentials,
+        trust: TlsTrust,
+    ) -> Handle<SkFlowSat> {
+        let to = Destination { trust: Some(trust), ..Destination::from(to) };
+        SkFlowSat::connect_to(cx, to, credentials)
+    }
+
+    fn connect_to(cx: &mut Cx, to: Destination, credentials: Credentials) -> Handle<SkFlowSat> {
+        let satellite = SkFlowSat::make(cx, Way::Address { to, credentials });
         // It was made just now.
         let _ = cx.with(satellite, |satellite, cx| satellite.open_link(cx));
         satellite
@@ -210,6 +244,8 @@ impl SkFlowSat {
         cx.spawn_with(|cx, this: Handle<SkFlowSat>| {
             let reconnect = cx.under(this).spawn(Timer::default());
             let check = cx.under(this).spawn(Timer::default());
+            let call_timer = cx.under(this).spawn(Timer::default());
+            attach!(cx, call_timer.timeout => this.on_call_deadline);
             attach!(cx, reconnect.timeout => this.on_reconnect);
             attach!(cx, check.timeout => this.on_check);
             // The timer was made just now and is no more gone than this object.
@@ -229,6 +265,10 @@ impl SkFlowSat {
                 session: [0; 16],
                 turned_away: false,
                 heard: BTreeMap::new(),
+                services: services::Services::default(),
+                sync: sync::Sync::default(),
+                link_number: 0,
+                call_timer,
                 reconnect,
                 reconnect_after: RECONNECT_FIRST,
                 losses: 0,
@@ -244,6 +284,8 @@ impl SkFlowSat {
                 header_changed: Signal::new(),
                 room: Signal::new(),
                 refused: Signal::new(),
+                synced: Signal::new(),
+                sync_report: Signal::new(),
                 dropped: Signal::new(),
             }
         })
@@ -277,8 +319,13 @@ impl SkFlowSat {
     fn begin(&mut self, cx: &mut Cx, link: Box<dyn Link>, token: Token, credentials: Credentials) {
         let mut nonce = [0; 32];
         cx.world().rng.fill(&mut nonce);
+        self.link_number += 1;
         let core = SatelliteCore::flow(credentials, nonce, cx.now());
-        self.core = Some(core.named(&self.flow_name).resuming(self.session));
+        self.core = Some(match link.fragment_bytes_max() {
+            Some(bytes_max) => core.with_fragments_of(bytes_max),
+            None => core,
+        });
+        self.core = self.core.take().map(|core| core.named(&self.flow_name).resuming(self.session));
         self.turned_away = false;
         self.link = Some(link);
         self.token = Some(token);
@@ -299,6 +346,8 @@ impl SkFlowSat {
         }
         self.own.values_mut().for_each(Own::forget_channel);
         self.heard.clear();
+        self.end_services(cx);
+        self.end_sync(cx);
         if matches!(self.way, Way::Address { .. }) {
             // The timer is this object's child and lives as long as it.
             let _ = self.reconnect.start_once(cx, self.reconnect_after);
@@ -342,7 +391,14 @@ impl SkFlowSat {
 
     fn flush_later(&mut self, cx: &mut Cx) {
         let has_output = self.waiting.is_some() || self.core.as_ref().is_some_and(SatelliteCore::has_output);
-        if has_output && !std::mem::replace(&mut self.flush_asked, true) {
+        if has_output {
+            self.flush_in_next_round(cx);
+        }
+    }
+
+    /// In step 7, of the next round if this round's has come.
+    fn flush_in_next_round(&mut self, cx: &mut Cx) {
+        if !std::mem::replace(&mut self.flush_asked, true) {
             let this = cx.this(self);
             cx.write_later(this.id(), flush);
         }
@@ -351,6 +407,7 @@ impl SkFlowSat {
     /// Step 7.
     fn flush(&mut self, cx: &mut Cx) {
         self.flush_asked = false;
+        self.finish_pulses(cx);
         let now = cx.now();
         let (Some(core), Some(mut link)) = (&mut self.core, self.link.take()) else { return };
         let turn = link.write(cx, &mut Side { core, now, waiting: &mut self.waiting });
@@ -395,12 +452,18 @@ impl SkFlowSat {
     /// Takes the next event and does the bookkeeping for it.
     fn next_event(&mut self, cx: &mut Cx) -> Option<SatelliteEvent> {
         let event = self.core.as_mut()?.next_event()?;
+        self.note_sync(cx, &event);
         match &event {
             SatelliteEvent::Ready => self.restore(cx),
-            SatelliteEvent::Created { tag, channel, name } => self.created(cx, *tag, *channel, name),
+            SatelliteEvent::Created { tag, channel, name } => {
+                self.created(cx, *tag, *channel, name);
+                self.service_created(own_name(name), *channel);
+                self.sync_created(own_name(name), *channel);
+            }
             SatelliteEvent::ChannelAdded(info) => {
                 self.heard.insert(info.channel, Rc::new(info.clone()));
                 self.repeat_new_source(cx, info);
+                self.send_waiting(cx, Some(&info.name));
             }
             SatelliteEvent::ChannelRemoved(info) => {
                 self.heard.remove(&info.channel);

@@ -91,19 +91,22 @@ pub(crate) struct Upgraded {
     pub(crate) begun: Instant,
 }
 
+/// Takes a connection that has upgraded.
+pub(crate) type TakeUpgraded = Rc<dyn Fn(&mut Cx, Upgraded)>;
+
 /// A path at which connections may upgrade.
 #[derive(Clone)]
 pub(crate) struct Upgrade {
     /// The head that agrees to the upgrade, or the refusal.
     pub(crate) agree: fn(&Request) -> Result<Bytes, Answer>,
     /// Takes the connection.
-    pub(crate) take: Rc<dyn Fn(&mut Cx, Upgraded)>,
+    pub(crate) take: TakeUpgraded,
 }
 
 /// What is to be done with a request.
 pub(super) enum Reply {
     Answer(Answer),
-    Upgrade { answer: Bytes, take: Rc<dyn Fn(&mut Cx, Upgraded)> },
+    Upgrade { answer: Bytes, take: TakeUpgraded },
 }
 
 /// All that a server has to offer.

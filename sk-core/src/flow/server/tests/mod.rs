@@ -12,6 +12,7 @@ mod replicas;
 mod service_limits;
 mod services;
 mod sessions;
+mod sync;
 
 use super::super::limits::*;
 use super::super::satellite::{Credentials, SatelliteCore, SatelliteEvent};
