@@ -452,8 +452,8 @@ impl ServerCore {
         let Some(connection) = self.connections.get_mut(id) else { return };
         let owned = std::mem::take(&mut connection.owned);
         let subscribed = connection.output.channels();
-        self.leave_databases(id);
         let polled = std::mem::take(&mut connection.polls);
+        self.leave_databases(id);
         for channel in owned {
             self.remove_channel(channel, None, reason);
         }
