@@ -69,8 +69,8 @@ fn end(mut child: Child) {
 fn example_service_answers_its_caller() {
     let heard = with_hub("service", |at| {
         // The caller first: it waits for a service that does not exist yet.
-        let mut caller = example("13_caller", &at);
-        let service = example("12_service", &at);
+        let mut caller = example("15_caller", &at);
+        let service = example("14_service", &at);
         let heard: Vec<String> = lines(&mut caller).collect();
         assert!(caller.wait().unwrap().success());
         end(service);
@@ -83,8 +83,8 @@ fn example_service_answers_its_caller() {
 #[test]
 fn example_targets_follow_their_source() {
     let (followed, reported) = with_hub("sync", |at| {
-        let mut source = example("14_sync_source", &at);
-        let mut targets = [(); 2].map(|()| example("15_sync_target", &at));
+        let mut source = example("16_sync_source", &at);
+        let mut targets = [(); 2].map(|()| example("17_sync_target", &at));
         let mut outputs = targets.each_mut().map(lines);
         let followed = outputs
             .each_mut()
@@ -104,6 +104,26 @@ fn example_targets_follow_their_source() {
     });
     assert!(followed.iter().all(|lines| lines[1].starts_with("beat ")), "{followed:?}");
     assert!(reported.iter().all(|name| name.starts_with("target ")), "{reported:?}");
+}
+
+#[test]
+fn example_odometer_goes_on_after_a_kill() {
+    let folder = std::env::temp_dir().join(format!("sk-odometer-{}", std::process::id()));
+    let number =
+        |line: &str, word: &str| line.strip_prefix(word).map(|number| number.parse::<i64>().unwrap());
+    let mut saved = 0;
+    for life in 0..3 {
+        let mut odometer = example("18_odometer", &folder);
+        let mut lines = BufReader::new(odometer.stdout.take().unwrap()).lines().map(Result::unwrap);
+        let found = lines.find_map(|line| number(&line, "found ")).expect("it says what it found");
+        assert!(found >= saved, "life {life}: {saved} were saved, {found} found");
+        saved = lines
+            .find_map(|line| number(&line, "saved ").filter(|saved| *saved >= found + 5))
+            .unwrap();
+        odometer.kill().unwrap();
+        odometer.wait().unwrap();
+    }
+    let _ = std::fs::remove_dir_all(&folder);
 }
 
 #[test]

@@ -224,13 +224,14 @@ impl Cx {
 
     fn fill<T: SkObject>(&mut self, id: ObjectId, object: T, doomed: bool) -> Handle<T> {
         let node = Rc::new(Node::new(id, object));
-        self.table.fill(id, node.clone());
+        let hooked = T::CLASS.has_hooks.then(|| node.clone());
+        self.table.fill(id, node);
         if doomed {
             self.deny_hooks_below_the_dying(id);
             self.destroy_later(id);
-            return Handle::new(id);
+        } else if let Some(node) = hooked {
+            self.run_hook(id, &*node, "on_spawn");
         }
-        self.run_hook(id, &*node, "on_spawn");
         Handle::new(id)
     }
 

@@ -16,6 +16,10 @@ const ERRORS_KEPT: usize = 256;
 const ERRORS_PER_UPDATE: u32 = 64;
 /// A real-time thread that runs this long without a sleep is put back into the normal class.
 const REALTIME_RUN_MAX: Duration = Duration::from_millis(500);
+/// How often a spinning loop looks into its inbox: a look takes the cache lines that a sender is writing.
+const LOOK_EVERY: Duration = Duration::from_micros(2);
+/// From here to the deadline nothing is done but looking at the clock.
+const LAST_STRETCH: Duration = Duration::from_nanos(500);
 /// How often a loop that does not sleep in a poll looks for POSIX signals.
 const OS_SIGNALS_EVERY: Duration = Duration::from_millis(50);
 
@@ -197,8 +201,8 @@ impl Cx {
                 self.round(true, Some(due));
             }
             Plan::At(due) => {
-                self.wait_precisely(due);
-                self.round(true, Some(due));
+                let ended = self.wait_precisely(due);
+                self.round_from(ended, true, Some(due));
             }
             Plan::Io(due) => {
                 let tick = self.wait_for_io(due) && self.ticks_after_io();
@@ -207,19 +211,31 @@ impl Cx {
         }
     }
 
-    /// Sleeps until shortly before the deadline, then spins. Messages that come meanwhile are taken at once,
-    /// so that their senders need no system call; their calls run in their step, after the tick.
-    fn wait_precisely(&mut self, due: Instant) {
+    /// Sleeps until shortly before the deadline, then spins. Messages that come meanwhile are taken, so that
+    /// their senders need no system call; their calls run in their step, after the tick. Answers the moment at
+    /// which the wait ended.
+    fn wait_precisely(&mut self, due: Instant) -> Instant {
         let interval = self.settings.interval;
         let wake_at = due - self.pacing.margin.within(interval);
-        if self.world.clock.now() < wake_at {
+        let mut now = self.world.clock.now();
+        if now < wake_at {
             self.world.clock.sleep_until(wake_at);
-            self.pacing.margin.note(self.world.clock.now().since(wake_at), interval);
+            now = self.world.clock.now();
+            self.pacing.margin.note(now.since(wake_at), interval);
         }
-        while self.world.clock.now() < due {
-            self.take_messages();
-            std::hint::spin_loop();
+        let mut look_at = now;
+        while now < due {
+            if now + LAST_STRETCH < due {
+                if look_at <= now {
+                    self.take_messages();
+                    self.rehearse_tick();
+                    look_at = now + LOOK_EVERY;
+                }
+                std::hint::spin_loop();
+            }
+            now = self.world.clock.now();
         }
+        now
     }
 
     /// Answers whether the round after it is a tick: something came, or it is due.

@@ -6,6 +6,7 @@ use super::fragment::Pieces;
 use super::frame::{Flags, HEADER_BYTES};
 use super::limits::{ITEM_OVERHEAD_BYTES, SHARED_PAYLOAD_BYTES_MIN};
 use super::{Event, Message as _};
+use crate::testing::{Bug, is_planted};
 use bytes::{Bytes, BytesMut};
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -265,7 +266,18 @@ impl Book {
     /// Notes a message that its publisher gave up before it was whole.
     pub fn aborted(&mut self) {
         self.counts.offered += 1;
-        self.counts.dropped[DropReason::Aborted as usize] += 1;
+        self.counts.dropped[DropReason::Aborted as usize] += u64::from(!is_planted(Bug::AbortUnbooked));
+    }
+
+    fn next_waiting(&mut self) -> Option<Outgoing> {
+        if is_planted(Bug::NewestFirst) {
+            return self.waiting.pop_back();
+        }
+        let message = self.waiting.pop_front()?;
+        if is_planted(Bug::SentTwice) && message.message % 8 == 7 {
+            self.offer(&Outgoing { message: message.message + 1, ..message.clone() }, usize::MAX);
+        }
+        Some(message)
     }
 
     /// The next `data` frame with a payload of at most `payload_max`, and whether it ends its message.
@@ -273,7 +285,7 @@ impl Book {
     pub fn next_frame(&mut self, payload_max: usize) -> Option<(Encoded, bool)> {
         let mut begun = match self.begun.take() {
             Some(begun) => begun,
-            None => Begun { message: self.waiting.pop_front()?, fragment: 0, offset: 0 },
+            None => Begun { message: self.next_waiting()?, fragment: 0, offset: 0 },
         };
         let Outgoing { channel, message, charge, ref fragments, .. } = begun.message;
         let fragment = &fragments[begun.fragment];

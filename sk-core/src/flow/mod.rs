@@ -47,9 +47,11 @@ pub use kinds::{ChannelKind, Policy};
 pub use message::{Flow, FlowMessage};
 pub use satellite::{Divisor, TickReport};
 pub use service::{Request, Service};
-pub use sk_flow_sat::SkFlowSat;
+pub use sk_flow_sat::{FlowDatabase, SkFlowSat, Variable};
 pub use sk_flow_server::SkFlowServer;
 pub use state::State;
 pub use table::{Command, Event};
 pub use transport::{AddressError, FLOW_PATH, HubAddress, PipeSeed};
+#[cfg(feature = "tls")]
+pub use transport::{TlsError, TlsIdentity, TlsTrust};
 pub use value::{Form, Properties, Value};

@@ -26,13 +26,15 @@ impl SatelliteCore {
                 self.outbox.command(&Command::Pong {}, tag);
             }
             Event::Pong {} => self.events.push_back(SatelliteEvent::Pong { tag }),
-            Event::FlowBegun { .. } => {
+            Event::FlowBegun { name, .. } => {
                 self.inbound.advance();
+                self.flow_name = Some(name);
                 self.events.push_back(SatelliteEvent::Ready);
             }
             Event::ChannelListed { channel, kind, hash, owner, name, properties } => {
                 self.listed.push(ChannelInfo { channel, kind, hash, owner, name, properties });
             }
+            Event::ListEnd { .. } if self.end_list(tag) => {}
             Event::ListEnd { .. } => {
                 let channels = std::mem::take(&mut self.listed);
                 self.events.push_back(SatelliteEvent::Listed { tag, channels });
@@ -87,6 +89,7 @@ impl SatelliteCore {
             Event::Refused { code, text } => {
                 self.creating.remove(&tag);
                 self.on_call_over(tag);
+                self.lists.remove(&tag);
                 self.events.push_back(SatelliteEvent::Refused { tag, code, text });
             }
             // Answers to what this satellite does not ask.
@@ -100,15 +103,15 @@ impl SatelliteCore {
             | Event::BlobListed { .. }
             | Event::BlobEntry { .. }
             | Event::BlobData { .. }
-            | Event::DatabaseSelected { .. }
+            | Event::UserListed { .. } => {}
+            event @ (Event::DatabaseSelected { .. }
             | Event::DatabaseListed { .. }
             | Event::KeyListed { .. }
             | Event::Variable { .. }
             | Event::Changed { .. }
             | Event::Deleted { .. }
             | Event::Watching { .. }
-            | Event::WatchOver {}
-            | Event::UserListed { .. } => {}
+            | Event::WatchOver {}) => self.on_database_event(tag, event),
             Event::Closing { reason, text } => {
                 self.closing = true;
                 self.events.push_back(SatelliteEvent::Closing { reason, text });

@@ -5,6 +5,7 @@
 //! references here: a subscription by name waits until the channel exists, and comes into force again when
 //! a channel of that name is opened anew.
 
+mod databases;
 mod event;
 mod incoming;
 mod sending;
@@ -13,6 +14,7 @@ mod sync;
 #[cfg(test)]
 mod tests;
 
+pub use databases::DatabaseInfo;
 pub use event::{ChannelInfo, SatelliteError, SatelliteEvent, TickReport};
 pub use sync::Divisor;
 
@@ -77,6 +79,9 @@ pub struct SatelliteCore {
     /// The requests that wait for an answer of this satellite's.
     requests: BTreeSet<u64>,
     listed: Vec<ChannelInfo>,
+    /// Lists of other things under way, by the tags of their commands.
+    lists: BTreeMap<u32, databases::List>,
+    flow_name: Option<String>,
     events: VecDeque<SatelliteEvent>,
     next_tag: u32,
     lost: u64,
@@ -118,6 +123,8 @@ impl SatelliteCore {
             calls: BTreeSet::new(),
             requests: BTreeSet::new(),
             listed: Vec::new(),
+            lists: BTreeMap::new(),
+            flow_name: None,
             events: VecDeque::new(),
             next_tag: 0,
             lost: 0,
@@ -126,15 +133,28 @@ impl SatelliteCore {
             heard: now,
             pinged: now,
         };
-        core.send(&Command::Hello {
+        core.greet(FRAGMENT_BYTES_MAX as u32);
+        core
+    }
+
+    /// Proposes shorter fragments: a transport that is slow keeps what is light waiting for less time then. To be
+    /// asked for before the first byte is sent.
+    pub fn with_fragments_of(mut self, bytes_max: u32) -> SatelliteCore {
+        self.outbox = Outbox::default();
+        self.next_tag = 0;
+        self.greet(bytes_max);
+        self
+    }
+
+    fn greet(&mut self, fragment_bytes: u32) {
+        self.send(&Command::Hello {
             magic: MAGIC,
             version: VERSION,
             version_oldest: VERSION_OLDEST,
-            fragment_bytes: FRAGMENT_BYTES_MAX as u32,
+            fragment_bytes,
             message_bytes: MESSAGE_BYTES_MAX as u32,
-            nonce,
+            nonce: self.nonce,
         });
-        core
     }
 
     /// Takes received bytes; what they say comes out of [`next_event`](SatelliteCore::next_event).

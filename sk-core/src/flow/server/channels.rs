@@ -1,6 +1,7 @@
 //! Channels and subscriptions: opening, closing, telling everyone, starting and stopping owners.
 
 use super::super::channel::Owner;
+use super::super::database::{DatabaseKind, Entity};
 use super::super::delivery::DropReason;
 use super::super::error::{ProtocolError, RefusalCode};
 use super::super::limits::{
@@ -10,7 +11,9 @@ use super::super::{
     ChannelKind, ChannelRef, Encoded, Event, Flags, Form, Message, Policy, Properties, Right, State,
 };
 use super::connection::Incoming;
+use super::telling::Telling;
 use super::{ConnectionId, Notice, ServerCore, Subscriber, Subscribers, owning_flow};
+use crate::testing::{Bug, is_planted};
 use sk_flat::Name;
 
 /// What a subscriber wishes for.
@@ -135,6 +138,7 @@ impl ServerCore {
             connection.owned.retain(|owned| *owned != channel);
             connection.gathering.forget(Incoming::Publish(channel));
         }
+        self.entity_ended(DatabaseKind::Channel, &known.name, Entity::Channel(channel));
         let event = Event::ChannelRemoved { channel };
         self.tell_flows(channel, asked, |tag, _| event.encode(tag, Flags::NONE));
         self.notices.push_back(Notice::ChannelRemoved { channel, name: known.name });
@@ -143,6 +147,7 @@ impl ServerCore {
     fn tell_added(&mut self, channel: ChannelRef, asked: Option<(ConnectionId, u32)>) {
         let Some((known, _)) = self.channels.get(channel) else { return };
         let known = known.clone();
+        self.entity_began(DatabaseKind::Channel, &known.name, Entity::Channel(channel));
         self.tell_flows(channel, asked, |tag, form| known.added(tag, form));
         self.notices.push_back(Notice::ChannelAdded { channel, name: known.name });
     }
@@ -159,9 +164,10 @@ impl ServerCore {
         for id in self.connections.ids() {
             let Some(connection) = self.connections.get(id) else { continue };
             let flow = connection.inbound.state() == State::Flow && connection.closing.is_none();
-            let told = connection
-                .replay
-                .is_none_or(|replay| !replay.begins_flow || replay.next > channel.id as u16);
+            let told = connection.replay.as_ref().is_none_or(|replay| match replay.what {
+                Telling::Channels { begins_flow: true, next } => next > channel.id as u16,
+                _ => true,
+            });
             if flow && told {
                 let form = connection.form;
                 match asked {
@@ -172,39 +178,6 @@ impl ServerCore {
                     }
                 }
             }
-        }
-    }
-
-    /// Adds lines to a list that is being told, and moves frames to the wire.
-    pub(super) fn fill(&mut self, id: ConnectionId) {
-        let Some(connection) = self.connections.get_mut(id) else { return };
-        connection.output.fill();
-        while let Some(replay) = &mut connection.replay
-            && connection.output.has_room_for_list()
-        {
-            let (tag, form, flow) = (replay.tag, replay.form, replay.begins_flow);
-            let frame = match self.channels.from_id(replay.next) {
-                Some((channel, _)) => {
-                    replay.next = channel.reference.id as u16 + 1;
-                    replay.told += 1;
-                    if flow { channel.added(0, form) } else { channel.listed(tag, form) }
-                }
-                None => {
-                    let count = replay.told;
-                    connection.replay = None;
-                    if flow {
-                        self.notices.push_back(Notice::FlowBegun { connection: id });
-                        let name = connection.flow.as_ref().map(Name::to_string).unwrap_or_default();
-                        Event::FlowBegun { channels: count, name, session: [0; 16], resumed: 0 }
-                            .encode(tag, Flags::NONE)
-                    } else {
-                        Event::ListEnd { count }.encode(tag, Flags::NONE)
-                    }
-                }
-            };
-            // A list pauses long before the limit of the control queue.
-            connection.output.control(frame);
-            connection.output.fill();
         }
     }
 
@@ -270,7 +243,9 @@ impl ServerCore {
         self.remove_target(id, channel);
         let Some((known, subscribers)) = self.channels.get_mut(channel) else { return };
         let owner = known.owner;
-        subscribers.list.retain(|subscriber| subscriber.connection != id);
+        if !(is_planted(Bug::SubscriptionKept) && reason == DropReason::Gone) {
+            subscribers.list.retain(|subscriber| subscriber.connection != id);
+        }
         if subscribers.list.is_empty() {
             self.tell_owner(channel, owner, false);
         }

@@ -6,8 +6,10 @@ use super::super::fragment::Gathering;
 use super::super::inbound::Inbound;
 use super::super::login::Nonce;
 use super::super::{ChannelRef, Command, Form, State};
+use super::databases::Desk;
 use super::output::Output;
 use super::requests::RequestId;
+use super::telling::Telling;
 use sk_flat::{Instant, Name};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::fmt;
@@ -47,6 +49,8 @@ pub enum Origin {
         /// The user id that the kernel tells.
         uid: u32,
     },
+    /// Over a serial line.
+    Line,
     /// From inside the hub's own process.
     Inside {
         /// What it may do after `login_peer`.
@@ -59,6 +63,7 @@ impl fmt::Display for Origin {
         match self {
             Origin::Network(address) => write!(f, "{address}"),
             Origin::Unix { uid } => write!(f, "local user {uid}"),
+            Origin::Line => f.write_str("a serial line"),
             Origin::Inside { .. } => f.write_str("this process"),
         }
     }
@@ -75,17 +80,14 @@ pub enum Ending {
     Spurious(ProtocolError),
 }
 
-/// The answer to `list_channels` or `set_async` while it is being given.
-#[derive(Clone, Copy, Debug)]
+/// An answer of many lines while it is being given: to `list_channels`, `set_async`, `db_all` and such.
+#[derive(Clone, Debug)]
 pub(super) struct Replay {
     pub(super) tag: u32,
-    /// The form of the properties.
+    /// The form of the values.
     pub(super) form: Form,
-    /// Whether it is the beginning of a flow.
-    pub(super) begins_flow: bool,
-    /// The lowest identifier that has not been told.
-    pub(super) next: u16,
     pub(super) told: u32,
+    pub(super) what: Telling,
 }
 
 /// What an unfinished message of a client's is.
@@ -131,6 +133,7 @@ pub(super) struct Connection {
     pub(super) serving: BTreeSet<RequestId>,
     pub(super) owned: Vec<ChannelRef>,
     pub(super) replay: Option<Replay>,
+    pub(super) desk: Desk,
     /// Whether it waits for a turn.
     pub(super) queued: bool,
     /// Whether it is listed as having something to write.
@@ -168,6 +171,7 @@ impl Connection {
             serving: BTreeSet::new(),
             owned: Vec::new(),
             replay: None,
+            desk: Desk::default(),
             queued: false,
             dirty: false,
             opened: now,
@@ -182,21 +186,32 @@ impl Connection {
 
     /// The next command, whether it came as bytes or from inside.
     pub(super) fn next_command(&mut self) -> Result<Option<Tagged<Command>>, ProtocolError> {
+        if let Some(again) = self.desk.take_again() {
+            return Ok(Some(again));
+        }
         match self.inbound.next()? {
             Some(command) => Ok(Some(command)),
             None => self.parts.pop_front().map(|frame| self.inbound.accept(frame)).transpose(),
         }
     }
 
-    /// Whether commands must wait: the connection ends, a list is being told, its answers pile up, or it is
-    /// synchronous and a call of it has no answer yet.
+    /// Whether commands must wait: the connection ends, a list is being told, its answers pile up, it waits for
+    /// the disk, or it is synchronous and a call of it has no answer yet.
     pub(super) fn is_held(&self) -> bool {
         self.is_unread() || self.awaits_answer()
     }
 
     /// Whether nothing more is to be read.
     pub(super) fn is_unread(&self) -> bool {
-        self.closing.is_some() || self.replay.is_some() || self.output.answers_pile_up()
+        self.closing.is_some()
+            || self.replay.is_some()
+            || self.output.answers_pile_up()
+            || self.desk.is_held()
+    }
+
+    /// Whether something is to be sent.
+    pub(super) fn has_output(&self) -> bool {
+        !self.output.is_empty() || self.replay.is_some() || self.desk.has_news()
     }
 
     /// Whether later commands wait for the answer to a call. It is read from all the same, so that its end is
@@ -208,7 +223,7 @@ impl Connection {
 
     /// Whether input waits that has not been looked at.
     pub(super) fn has_input(&self) -> bool {
-        self.inbound.pending() > 0 || !self.parts.is_empty()
+        self.inbound.pending() > 0 || !self.parts.is_empty() || self.desk.has_again()
     }
 }
 

@@ -1,12 +1,14 @@
 //! Greeting, login, and the switch to a flow.
 
+use super::super::database::{DatabaseKind, Entity};
 use super::super::error::{ClosingReason, ProtocolError, RefusalCode};
 use super::super::limits::{
     FRAGMENT_BYTES_MAX, FRAGMENT_BYTES_MIN, MAGIC, MESSAGE_BYTES_MAX, VERSION, VERSION_OLDEST,
 };
 use super::super::login::{NO_PROOF, Nonce, Proof};
 use super::super::{Event, Form, Rights};
-use super::connection::{Origin, Replay};
+use super::connection::Origin;
+use super::telling::Telling;
 use super::{ConnectionId, Notice, ServerCore};
 use sk_flat::Name;
 
@@ -70,7 +72,7 @@ impl ServerCore {
         let rights = match connection.origin {
             Origin::Inside { rights } => Some(rights),
             Origin::Unix { uid } if self.settings.owner_uid == Some(uid) => Some(Rights::ALL),
-            Origin::Unix { .. } | Origin::Network(_) => None,
+            Origin::Unix { .. } | Origin::Line | Origin::Network(_) => None,
         };
         match rights {
             Some(rights) => self.logged_in(id, tag, rights, NO_PROOF),
@@ -102,16 +104,14 @@ impl ServerCore {
         let Ok(full) = Name::new(&chosen).and_then(|name| Name::compose(user, &name)) else {
             return self.refuse(id, tag, RefusalCode::BadName);
         };
-        connection.flow = Some(full);
+        connection.flow = Some(full.clone());
         connection.form = form;
         connection.inbound.advance();
-        connection.replay = Some(Replay { tag, form, begins_flow: true, next: 0, told: 0 });
-        self.mark_dirty(id);
+        self.entity_began(DatabaseKind::Flow, &full, Entity::Flow(id.wire()));
+        self.tell_list(id, tag, form, Telling::Channels { begins_flow: true, next: 0 });
     }
 
     pub(super) fn list(&mut self, id: ConnectionId, tag: u32, form: Form) {
-        let Some(connection) = self.connections.get_mut(id) else { return };
-        connection.replay = Some(Replay { tag, form, begins_flow: false, next: 0, told: 0 });
-        self.mark_dirty(id);
+        self.tell_list(id, tag, form, Telling::Channels { begins_flow: false, next: 0 });
     }
 }

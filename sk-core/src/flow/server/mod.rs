@@ -15,6 +15,7 @@
 mod books;
 mod channels;
 mod connection;
+mod databases;
 mod deadlines;
 mod login;
 mod notice;
@@ -25,6 +26,7 @@ mod services;
 mod sync;
 mod sync_target;
 mod talk;
+mod telling;
 #[cfg(test)]
 mod tests;
 mod turn;
@@ -34,6 +36,7 @@ pub use notice::Notice;
 pub use requests::RequestId;
 
 use super::channel::{Channel, Owner, Registry};
+use super::database::{DatabaseKind, Databases, Entity};
 use super::definition::Encoded;
 use super::delivery::{Counts, DropReason};
 use super::error::{ClosingReason, ProtocolError, RefusalCode};
@@ -45,6 +48,7 @@ use super::limits::{
 use super::login::{Nonce, OwnerToken};
 use super::wire::Slices;
 use super::{ChannelRef, Event, Message, State};
+use crate::testing::{Bug, is_planted};
 use connection::{Connection, Connections};
 use notice::LogLimit;
 use requests::Requests;
@@ -112,6 +116,8 @@ pub struct ServerCore {
     settings: Settings,
     connections: Connections,
     channels: Registry<Subscribers>,
+    databases: Databases,
+    storing: databases::Storing,
     /// Connections with commands that wait for their turn.
     work: VecDeque<ConnectionId>,
     dirty: Vec<ConnectionId>,
@@ -141,10 +147,12 @@ pub struct ServerCore {
 impl ServerCore {
     /// A hub with nobody connected.
     pub fn new(settings: Settings, now: Instant) -> ServerCore {
-        ServerCore {
+        let mut core = ServerCore {
             settings,
             connections: Connections::default(),
             channels: Registry::default(),
+            databases: Databases::default(),
+            storing: databases::Storing::default(),
             work: VecDeque::new(),
             dirty: Vec::new(),
             notices: VecDeque::new(),
@@ -162,7 +170,10 @@ impl ServerCore {
             next_check: now + CHECK_INTERVAL,
             pings: 0,
             next_own_message: 0,
-        }
+        };
+        let owner = core.settings.user.clone();
+        core.entity_began(DatabaseKind::User, &owner, Entity::User);
+        core
     }
 
     /// Takes a new connection in; `nonce` are 32 bytes from the world's `Rng`. If too many wait for their
@@ -183,6 +194,7 @@ impl ServerCore {
         if self.waiting >= UNAUTHENTICATED_MAX {
             self.evict();
         }
+        self.databases.stir(&nonce);
         let id = self.connections.add(Connection::new(origin, nonce, now));
         self.waiting += 1;
         self.settle();
@@ -228,9 +240,7 @@ impl ServerCore {
 
     /// Whether a connection has something to write.
     pub fn has_output(&self, id: ConnectionId) -> bool {
-        self.connections
-            .get(id)
-            .is_some_and(|connection| !connection.output.is_empty() || connection.replay.is_some())
+        self.connections.get(id).is_some_and(Connection::has_output)
     }
 
     /// The next bytes for the transport, for one vectored write of at most `slices_max` parts.
@@ -340,6 +350,7 @@ impl ServerCore {
     }
 
     fn refuse(&mut self, id: ConnectionId, tag: u32, code: RefusalCode) {
+        assert!(!is_planted(Bug::PanicAtRefusal), "a bug was planted here");
         self.answer(id, tag, &Event::Refused { code: code.code(), text: code.to_string() });
     }
 
@@ -396,6 +407,7 @@ impl ServerCore {
         let Some(connection) = self.connections.get_mut(id) else { return };
         let owned = std::mem::take(&mut connection.owned);
         let subscribed = connection.output.channels();
+        self.leave_databases(id);
         for channel in owned {
             self.remove_channel(channel, None, reason);
         }

@@ -8,6 +8,7 @@ use super::super::limits::{FRAGMENT_BYTES_MAX, MESSAGE_BYTES_MAX};
 use super::super::{ChannelKind, ChannelRef, Flags};
 use super::connection::Incoming;
 use super::{ConnectionId, ServerCore};
+use crate::testing::{Bug, is_planted};
 use bytes::Bytes;
 
 /// The fields of a `publish`.
@@ -30,6 +31,9 @@ impl ServerCore {
         if owner != Some(Owner::Flow(id.wire())) {
             // A channel may go while fragments for it are under way: refuse a message once, drop the rest.
             self.late_fragments += 1;
+            if is_planted(Bug::RaceIsSpurious) && owner.is_none() {
+                return Err(ProtocolError::FragmentSequence { message });
+            }
             if flags.has(Flags::FIRST) {
                 self.refuse(id, tag, if owner.is_none() { RefusalCode::Gone } else { RefusalCode::NotOwner });
             }

@@ -1,19 +1,25 @@
 //! A satellite as an object: its link to a hub around a [`SatelliteCore`], and the way back when it breaks.
 
+mod clerk;
 mod commands;
+mod database;
 mod events;
 mod services;
 mod sync;
 
+pub use database::{FlowDatabase, Variable};
 pub(crate) use services::doc_or_map;
 
 use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteError, SatelliteEvent, TickReport};
-use super::transport::{Broken, Core, Link, PipeSeed, TURN_BYTES_MAX, Turn, dial};
+#[cfg(feature = "tls")]
+use super::transport::TlsTrust;
+use super::transport::{Broken, Core, Destination, Link, PipeSeed, TURN_BYTES_MAX, Turn, dial};
 use super::wire::Slices;
 use super::{ChannelRef, Encoded, FlowMessage, HubAddress};
 use crate::eventloop::Timer;
 use crate::object::{Handle, ObjectId};
 use crate::signal::Signal;
+use crate::testing::{Bug, is_planted};
 use crate::world::{Readiness, Token};
 use crate::{Cx, attach};
 use bytes::Bytes;
@@ -73,6 +79,8 @@ pub struct SkFlowSat {
     /// How many links there have been.
     link_number: u64,
     call_timer: Handle<Timer>,
+    /// Its dealings with databases.
+    clerk: clerk::Clerk,
     reconnect: Handle<Timer>,
     reconnect_after: Duration,
     losses: u64,
@@ -129,7 +137,7 @@ crate::object! {
 /// How the hub is reached.
 enum Way {
     Address {
-        to: HubAddress,
+        to: Destination,
         credentials: Credentials,
     },
     /// Inside the process: if that breaks there is no hub any more.
@@ -191,7 +199,24 @@ impl SkFlowSat {
 
     /// As [`connect`](SkFlowSat::connect), with other credentials: the owner's token over TCP.
     pub fn connect_as(cx: &mut Cx, to: &HubAddress, credentials: Credentials) -> Handle<SkFlowSat> {
-        let satellite = SkFlowSat::make(cx, Way::Address { to: to.clone(), credentials });
+        SkFlowSat::connect_to(cx, Destination::from(to), credentials)
+    }
+
+    /// As [`connect_as`](SkFlowSat::connect_as), to a hub that has to show a certificate: at a `tls:` or `wss:`
+    /// address.
+    #[cfg(feature = "tls")]
+    pub fn connect_secured(
+        cx: &mut Cx,
+        to: &HubAddress,
+        credentials: Credentials,
+        trust: TlsTrust,
+    ) -> Handle<SkFlowSat> {
+        let to = Destination { trust: Some(trust), ..Destination::from(to) };
+        SkFlowSat::connect_to(cx, to, credentials)
+    }
+
+    fn connect_to(cx: &mut Cx, to: Destination, credentials: Credentials) -> Handle<SkFlowSat> {
+        let satellite = SkFlowSat::make(cx, Way::Address { to, credentials });
         // It was made just now.
         let _ = cx.with(satellite, |satellite, cx| satellite.open_link(cx));
         satellite
@@ -234,6 +259,7 @@ impl SkFlowSat {
                 sync: sync::Sync::default(),
                 link_number: 0,
                 call_timer,
+                clerk: clerk::Clerk::default(),
                 reconnect,
                 reconnect_after: RECONNECT_FIRST,
                 losses: 0,
@@ -283,7 +309,11 @@ impl SkFlowSat {
         let mut nonce = [0; 32];
         cx.world().rng.fill(&mut nonce);
         self.link_number += 1;
-        self.core = Some(SatelliteCore::flow(credentials, nonce, cx.now()));
+        let core = SatelliteCore::flow(credentials, nonce, cx.now());
+        self.core = Some(match link.fragment_bytes_max() {
+            Some(bytes_max) => core.with_fragments_of(bytes_max),
+            None => core,
+        });
         self.link = Some(link);
         self.token = Some(token);
         self.waiting = None;
@@ -307,6 +337,7 @@ impl SkFlowSat {
         self.heard.clear();
         self.end_services(cx);
         self.end_sync(cx);
+        self.clerk.lose();
         if matches!(self.way, Way::Address { .. }) {
             // The timer is this object's child and lives as long as it.
             let _ = self.reconnect.start_once(cx, self.reconnect_after);
@@ -320,7 +351,10 @@ impl SkFlowSat {
             Way::Pipe => tracing::warn!("the hub of this process has ended: {why}"),
         }
         let this = cx.this(self);
-        cx.post_own(this, move |cx| cx.emit_own(this, |satellite| &satellite.lost, &why));
+        cx.post_own(this, move |cx| {
+            database::tell_told(cx, this);
+            cx.emit_own(this, |satellite| &satellite.lost, &why);
+        });
     }
 
     fn on_reconnect(&mut self, cx: &mut Cx) {
@@ -337,6 +371,9 @@ impl SkFlowSat {
             && let Err(error) = core.tick(now)
         {
             self.break_link(cx, error.to_string());
+        }
+        if let Some(core) = &mut self.core {
+            self.clerk.check(core);
         }
         self.flush_later(cx);
     }
@@ -410,7 +447,12 @@ impl SkFlowSat {
 
     /// Takes the next event and does the bookkeeping for it.
     fn next_event(&mut self, cx: &mut Cx) -> Option<SatelliteEvent> {
-        let event = self.core.as_mut()?.next_event()?;
+        let core = self.core.as_mut()?;
+        let mut event = core.next_event()?;
+        // What is about databases is told by their own objects.
+        while self.clerk.hear(core, &event) {
+            event = core.next_event()?;
+        }
         self.note_sync(cx, &event);
         match &event {
             SatelliteEvent::Ready => self.restore(cx),
@@ -442,11 +484,16 @@ impl SkFlowSat {
                 tracing::error!("channel {name} cannot be opened: {error}");
             }
         }
-        for (name, depth) in &self.wanted {
+        for (name, depth) in self.wanted.iter().filter(|_| !is_planted(Bug::SubscriptionsForgotten)) {
             if let Err(error) = core.subscribe(name, *depth) {
                 tracing::error!("channel {name} cannot be subscribed to: {error}");
             }
         }
+        let (interval, mode) = (cx.settings().interval, cx.settings().mode);
+        self.clerk
+            .introduce("pulse.interval_ms", &(interval.as_secs_f64() * 1000.0).into());
+        self.clerk.introduce("pulse.mode", &format!("{mode:?}").into());
+        self.clerk.restore(core);
         self.restore_services(cx);
         self.restore_sync();
         self.flush_later(cx);
