@@ -109,6 +109,9 @@ pub(crate) fn calm(run: &Run<'_>) {
             }
         }
     });
+    if let Some(key) = ledger::with(|ledger| ledger.endless_call()) {
+        complain(Rule::Services, format!("{key:?} has no end"));
+    }
     if let Some((published, last)) = run.pair()
         && last.map_or(0, |last| last + 2) < published
     {
@@ -150,10 +153,11 @@ pub(crate) fn reaped(run: &Run<'_>) {
     look_at_hub(run, |core| {
         let (connections, channels) = (core.connections(), core.channels().count());
         let (subscriptions, queued) = (core.subscriptions().count(), core.totals().queued);
-        if connections + channels + subscriptions > 0 || queued > 0 {
+        let requests = core.open_requests();
+        if connections + channels + subscriptions + requests > 0 || queued > 0 {
             let text = format!(
                 "everybody has left, and there are {connections} connections, {channels} channels, \
-                 {subscriptions} subscriptions, {queued} messages"
+                 {subscriptions} subscriptions, {queued} messages, {requests} requests"
             );
             complain(Rule::Reaped, text);
         }

@@ -32,6 +32,8 @@ pub enum Rule {
     Rights,
     /// An honest client is never killed as spurious, and an honest hub is understood.
     Honest,
+    /// Every call has exactly one end, and the answer of its own request.
+    Services,
     /// Nothing panics.
     Panic,
     /// No loop goes round and round while time stands still.
@@ -65,6 +67,23 @@ pub(crate) struct Received {
     pub(crate) muddled: bool,
 }
 
+/// A call: whose, on which of its connections, and its tag.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct CallKey {
+    pub(crate) node: u16,
+    pub(crate) life: u16,
+    pub(crate) link: u32,
+    pub(crate) tag: u32,
+}
+
+/// What became of a call.
+#[derive(Clone, Copy, Debug)]
+struct CallState {
+    check: u32,
+    ended: bool,
+    cancelled: bool,
+}
+
 /// The record of one run.
 #[derive(Debug, Default)]
 pub(crate) struct Ledger {
@@ -86,6 +105,7 @@ pub(crate) struct Ledger {
     pub(crate) refused: BTreeSet<u16>,
     /// How many connections sent what may be called spurious.
     pub(crate) wild_sent: u64,
+    calls: BTreeMap<CallKey, CallState>,
     pub(crate) messages_published: u64,
     pub(crate) messages_heard: u64,
     pub(crate) now: Instant,
@@ -155,6 +175,46 @@ impl Ledger {
     /// A subscription was given up: the next one of the same connection has a book of its own.
     pub(crate) fn gave_up(&mut self, connection: u64, reference: ChannelRef) {
         self.received.entry((connection, reference)).or_default().muddled = true;
+    }
+
+    /// A call was made.
+    pub(crate) fn was_called(&mut self, key: CallKey, check: u32) {
+        self.calls.insert(key, CallState { check, ended: false, cancelled: false });
+    }
+
+    /// Its asker gave it up: it may have ended before, and does not end afterwards more than that once.
+    pub(crate) fn was_cancelled(&mut self, key: CallKey) {
+        if let Some(call) = self.calls.get_mut(&key) {
+            call.cancelled = true;
+        }
+    }
+
+    /// It was answered, with a payload of that checksum, or refused. Refusals of other commands are none of its.
+    pub(crate) fn was_ended(&mut self, key: CallKey, check: Option<u32>, code: u16) {
+        self.note(&[11, key.node.into(), key.tag.into(), code.into()]);
+        let Some(call) = self.calls.get_mut(&key) else {
+            if check.is_some() {
+                self.complain(Rule::Services, format!("an answer came for {key:?}, which nobody made"));
+            }
+            return;
+        };
+        let twice = std::mem::replace(&mut call.ended, true);
+        let other = check.is_some_and(|check| check != call.check);
+        if twice || other {
+            let what = if twice { "a second end" } else { "the answer of another" };
+            self.complain(Rule::Services, format!("{key:?} has got {what}"));
+        }
+    }
+
+    /// The connection is gone, and with it its calls.
+    pub(crate) fn forget_calls(&mut self, node: u16) {
+        self.calls.retain(|key, _| key.node != node);
+    }
+
+    /// A call that has no end, though every deadline is over.
+    pub(crate) fn endless_call(&self) -> Option<CallKey> {
+        let endless = |call: &CallState| !call.ended && !call.cancelled;
+        self.calls.iter().find(|(_, call)| endless(call)).map(|(key, _)| *key)
     }
 
     /// A message arrived.

@@ -1,7 +1,7 @@
 //! Runs a script and judges what it sees.
 
 use crate::action::Action;
-use crate::actors::{Identity, Member, Plain, TOKEN, Wild};
+use crate::actors::{Identity, Member, Plain, SERVICE, TOKEN, Talker, Wild};
 use crate::ledger::{self, Complaint, Rule};
 use crate::script::{Role, Script, Step, Way};
 use crate::stamp::{Origin, USER, channel_name};
@@ -79,6 +79,7 @@ pub(crate) enum Actor {
     Hub(Handle<SkFlowServer>),
     Member(Handle<Member>),
     Plain(Handle<Plain>),
+    Talker(Handle<Talker>),
     Wild(Handle<Wild>),
 }
 
@@ -235,8 +236,10 @@ impl<'a> Run<'a> {
     fn channel_ids(&self) -> Range<u16> {
         let mut wanted = BTreeSet::new();
         for Step { node, action, .. } in &self.script.steps {
-            if let Action::Open(channel) = action {
-                wanted.insert((*node, *channel));
+            match action {
+                Action::Open(channel) => _ = wanted.insert((*node, *channel)),
+                Action::Serve => _ = wanted.insert((*node, SERVICE)),
+                _ => {}
             }
         }
         let most = if self.is_narrow() { CHANNELS_OF_NARROW_RUNS } else { usize::MAX };
@@ -330,6 +333,7 @@ impl<'a> Run<'a> {
         }
         let Some(part) = self.parts.get_mut(&number) else { return };
         let Some(node) = part.node.take() else { return };
+        ledger::with(|ledger| ledger.forget_calls(number));
         part.actor = None;
         part.life += 1;
         part.machine = match death {
@@ -387,6 +391,7 @@ impl<'a> Run<'a> {
         node.with(|cx| match actor {
             Actor::Member(member) => cx.with(member, |member, cx| member.act(cx, action)).is_ok(),
             Actor::Plain(plain) => cx.with(plain, |plain, cx| plain.act(cx, action)).is_ok(),
+            Actor::Talker(talker) => cx.with(talker, |talker, cx| talker.act(cx, action)).is_ok(),
             Actor::Wild(wild) => cx.with(wild, |wild, cx| wild.act(cx, action)).is_ok(),
             Actor::Hub(_) => false,
         });
@@ -490,7 +495,7 @@ impl<'a> Run<'a> {
                 found.ok()
             }
             Actor::Plain(plain) => cx.with(plain, |p, _| (p.ready, p.connection(), p.wishes())).ok(),
-            Actor::Hub(_) | Actor::Wild(_) => None,
+            Actor::Hub(_) | Actor::Talker(_) | Actor::Wild(_) => None,
         })?;
         Some(Wishes { ready, connection, own, wanted })
     }
@@ -535,6 +540,7 @@ fn start_actor(cx: &mut Cx, who: Identity, role: Role, ids: Range<u16>) -> Optio
             Actor::Member(member)
         }
         Role::Plain(way) => Actor::Plain(Plain::start(cx, who, way)),
+        Role::Talker => Actor::Talker(Talker::start(cx, who)),
         Role::Wild => Actor::Wild(Wild::start(cx, who)),
         Role::Inside { .. } => return None,
     })

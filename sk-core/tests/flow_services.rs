@@ -4,6 +4,7 @@ use sk_core::flow::server::Settings;
 use sk_core::flow::{Answer, Call, CallError, HubAddress, Request, Rights, Service, SkFlowSat, SkFlowServer};
 use sk_core::prelude::*;
 use sk_core::testing::{Simulation, USER_ID};
+use sk_core::world::Rng as _;
 
 fn settings() -> Settings {
     Settings { user: "robot".parse().unwrap(), token: None, owner_uid: Some(USER_ID) }
@@ -322,4 +323,62 @@ fn s132_services_are_called_over_real_tcp() {
     app.run();
     let heard = heard(&mut app, asker);
     assert_eq!(heard.last().unwrap(), &CallError::NoAnswer.to_string());
+}
+
+/// Counts the ends of each call.
+#[derive(Default)]
+struct Ends {
+    of: std::collections::BTreeMap<String, u32>,
+}
+impl Ends {
+    fn hear(&mut self, _cx: &mut Cx, answer: &Answer) {
+        let ends = self.of.entry(format!("{:?}", answer.call())).or_default();
+        assert_eq!(*ends, 0, "nothing follows the end: {answer:?}");
+        *ends += u32::from(answer.is_last());
+    }
+}
+object! { Ends { slots { hear(&Answer) } } }
+
+#[test]
+fn every_call_has_one_end_though_hubs_and_services_come_and_go() {
+    for seed in 0..30 {
+        let simulation = Simulation::new(seed);
+        let mut app = simulation.app_with(|settings| settings.mode = TimingMode::SelectIo);
+        let at = HubAddress::Unix("/hub".into());
+        let cx = app.cx();
+        let [owner, other] = [(); 2].map(|()| SkFlowSat::connect(cx, &at));
+        let ends = cx.spawn(Ends::default());
+        let (mut server, mut service) = (None, None);
+        let (mut calls, mut dice) = (Vec::new(), simulation.world().rng(1 << 32));
+        for _ in 0..300 {
+            let cx = app.cx();
+            match dice.next_u64() % 12 {
+                0 => match server.take() {
+                    Some(server) => cx.destroy_later(server),
+                    None => {
+                        let new = SkFlowServer::start(cx, settings());
+                        new.listen(cx, &at).unwrap();
+                        server = Some(new);
+                    }
+                },
+                1 => match service.take() {
+                    Some(service) => cx.destroy_later(service),
+                    None => service = Some(serve(cx, owner).0),
+                },
+                what => {
+                    let what = ["width", "stream", "decline", "silence"][what as usize % 4];
+                    let call = other.call_within(cx, "robot.gripper", what, Duration::from_millis(700));
+                    attach!(cx, call.answered => ends.hear);
+                    calls.push(format!("{call:?}"));
+                }
+            }
+            simulation.run_for(&mut app, Duration::from_millis(11 + dice.next_u64() % 50));
+        }
+        simulation.run_for(&mut app, Duration::from_secs(10));
+        let told = app.cx().with(ends, |ends, _| ends.of.clone()).unwrap();
+        assert!(calls.len() > 200);
+        for call in &calls {
+            assert_eq!(told.get(call), Some(&1), "seed {seed}: {call}");
+        }
+    }
 }

@@ -1,6 +1,7 @@
 //! The hub's server as an object: listeners and links around a [`ServerCore`].
 
 mod doors;
+mod keeper;
 mod services;
 
 use super::server::{ConnectionId, Notice, Origin, ServerCore, Settings, TooManyConnections};
@@ -16,6 +17,7 @@ use crate::signal::Signal;
 use crate::testing::{Bug, is_planted};
 use crate::world::{Endpoint, Readiness, Stream, Token};
 use crate::{Cx, attach};
+use keeper::Keeper;
 use rustc_hash::FxHashMap;
 use sk_flat::{Instant, Name};
 use std::io::{self, ErrorKind};
@@ -67,6 +69,8 @@ pub struct SkFlowServer {
     flush_asked: bool,
     work_token: Token,
     room: Vec<u8>,
+    /// The way to the disk, if databases are kept.
+    keeper: Option<Keeper>,
     /// A satellite logged in; carries its account.
     pub logged_in: Signal<String>,
     /// A channel was opened; carries its full name.
@@ -162,6 +166,7 @@ impl SkFlowServer {
                 flush_asked: false,
                 work_token: cx.add_source(this.id(), work),
                 room: vec![0; TURN_BYTES_MAX],
+                keeper: None,
                 logged_in: Signal::new(),
                 channel_added: Signal::new(),
                 channel_removed: Signal::new(),
@@ -177,12 +182,13 @@ impl SkFlowServer {
 
     fn on_check(&mut self, cx: &mut Cx) {
         self.core.tick(cx.now());
-        self.after(cx);
+        self.take_stored(cx);
     }
 
     fn on_destroy(&mut self, cx: &mut Cx) {
         self.core.shut_down(cx.now());
         self.flush(cx);
+        self.store_the_rest(cx);
         for (_, served) in self.links.drain() {
             if let Some(link) = served.link {
                 link.close(cx);
@@ -309,6 +315,7 @@ impl SkFlowServer {
             }
             served.held
         });
+        self.store_requests(cx);
         self.end_in_turn(cx);
         self.watch_request_deadlines(cx);
         if self.core.has_work() {
@@ -414,7 +421,8 @@ impl SkFlowServer {
         match self.ending {
             None | Some(Ending::Ended) => {}
             Some(Ending::Insiders { until }) => {
-                if self.core.insiders() == 0 || now >= until {
+                let said = self.core.insiders() == 0 && self.core.unanswered_store_requests() == 0;
+                if said || now >= until {
                     self.ending = Some(Ending::Flush);
                 }
             }
@@ -448,7 +456,7 @@ impl SkFlowServer {
 /// How far the server's end has come.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Ending {
-    /// Modules inside may still have something to say.
+    /// Modules inside may still have something to say, and the disk to do.
     Insiders { until: Instant },
     /// They have said it; it goes out with the next flush.
     Flush,

@@ -30,11 +30,15 @@ pub enum Bug {
     ByteLost,
     /// A hub panics at a command that it refuses.
     PanicAtRefusal,
+    /// Those who wait for a service are not told that it is gone.
+    OwnerGoneUntold,
+    /// A request stays open after its last answer.
+    AnswerKeepsRequest,
 }
 
 impl Bug {
     /// All of them, with their names for command lines.
-    pub const ALL: [(Bug, &'static str); 12] = [
+    pub const ALL: [(Bug, &'static str); 14] = [
         (Bug::AbortUnbooked, "abort-unbooked"),
         (Bug::StaleEpoch, "stale-epoch"),
         (Bug::SubscriptionKept, "subscription-kept"),
@@ -47,6 +51,8 @@ impl Bug {
         (Bug::SilenceForgiven, "silence-forgiven"),
         (Bug::ByteLost, "byte-lost"),
         (Bug::PanicAtRefusal, "panic-at-refusal"),
+        (Bug::OwnerGoneUntold, "owner-gone-untold"),
+        (Bug::AnswerKeepsRequest, "answer-keeps-request"),
     ];
 }
 

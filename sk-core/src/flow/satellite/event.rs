@@ -2,6 +2,7 @@
 
 use super::super::delivery::DropReason;
 use super::super::{ChannelKind, ChannelRef, Properties, Value};
+use super::DatabaseInfo;
 use bytes::Bytes;
 use std::time::Duration;
 use thiserror::Error;
@@ -76,6 +77,60 @@ pub enum SatelliteEvent {
         tag: u32,
         /// The answer.
         value: Value,
+    },
+    /// The current database is another one, or none.
+    DatabaseSelected {
+        /// Of the `db_select`; 0 if it was removed.
+        tag: u32,
+        /// Its name.
+        database: Option<String>,
+    },
+    /// The answer to `db_list`.
+    Databases {
+        /// Of the command.
+        tag: u32,
+        /// The databases, by name.
+        databases: Vec<DatabaseInfo>,
+    },
+    /// The answer to `db_keys`.
+    Keys {
+        /// Of the command.
+        tag: u32,
+        /// The keys, sorted.
+        keys: Vec<String>,
+    },
+    /// The answer to `db_all`.
+    Variables {
+        /// Of the command.
+        tag: u32,
+        /// Keys and values, sorted by key.
+        variables: Vec<(String, Value)>,
+    },
+    /// A watched variable has this value now.
+    Changed {
+        /// Of the watch.
+        tag: u32,
+        /// The number of the change.
+        sequence: u64,
+        /// The variable.
+        key: String,
+        /// Its value; none if it was deleted.
+        value: Option<Value>,
+    },
+    /// What a watch had to tell was told, up to here.
+    Watching {
+        /// Of the watch.
+        tag: u32,
+        /// The number to go on from after a reconnection; 0: everything is about to be told, none holds until then.
+        sequence: u64,
+        /// Everything there is was told since the watch began or since the last of these events; variables known
+        /// from before that were not told are gone.
+        whole: bool,
+    },
+    /// A watch is over, because its database is gone or the right to it.
+    WatchOver {
+        /// Of the watch.
+        tag: u32,
     },
     /// A channel says something else about itself.
     HeaderChanged {

@@ -39,10 +39,14 @@ impl SatelliteCore {
                 self.outbox.command(&Command::Pong {}, tag);
             }
             Event::Pong {} => self.events.push_back(SatelliteEvent::Pong { tag }),
-            Event::FlowBegun { session, resumed, .. } => self.flow_begun(session, resumed != 0),
+            Event::FlowBegun { name, session, resumed, .. } => {
+                self.flow_name = Some(name);
+                self.flow_begun(session, resumed != 0);
+            }
             Event::ChannelListed { channel, kind, hash, owner, name, properties } => {
                 self.listed.push(ChannelInfo { channel, kind, hash, owner, name, properties });
             }
+            Event::ListEnd { .. } if self.end_list(tag) => {}
             Event::ListEnd { .. } => {
                 let channels = std::mem::take(&mut self.listed);
                 self.events.push_back(SatelliteEvent::Listed { tag, channels });
@@ -114,6 +118,7 @@ impl SatelliteCore {
                     // This connection can become nothing any more.
                     self.closing = true;
                 }
+                self.lists.remove(&tag);
                 self.events.push_back(SatelliteEvent::Refused { tag, code, text });
             }
             // Answers to what this satellite does not ask.
@@ -123,15 +128,15 @@ impl SatelliteCore {
             | Event::BlobListed { .. }
             | Event::BlobEntry { .. }
             | Event::BlobData { .. }
-            | Event::DatabaseSelected { .. }
+            | Event::UserListed { .. } => {}
+            event @ (Event::DatabaseSelected { .. }
             | Event::DatabaseListed { .. }
             | Event::KeyListed { .. }
             | Event::Variable { .. }
             | Event::Changed { .. }
             | Event::Deleted { .. }
             | Event::Watching { .. }
-            | Event::WatchOver {}
-            | Event::UserListed { .. } => {}
+            | Event::WatchOver {}) => self.on_database_event(tag, event),
             Event::Closing { reason, text } => {
                 self.closing = true;
                 self.events.push_back(SatelliteEvent::Closing { reason, text });
@@ -189,7 +194,7 @@ impl SatelliteCore {
         self.inbound.advance();
         self.events.push_back(SatelliteEvent::LoggedIn { user, connection });
         if self.wants_flow {
-            let name = self.flow_name.clone();
+            let name = self.wanted_name.clone();
             self.becoming = self.send(&Command::SetAsync { name, session: self.session, form: Form::Binary });
         } else {
             self.events.push_back(SatelliteEvent::Ready);

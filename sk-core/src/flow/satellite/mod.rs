@@ -6,6 +6,7 @@
 //! a channel of that name is opened anew.
 
 mod channels;
+mod databases;
 mod event;
 mod incoming;
 mod sending;
@@ -14,6 +15,7 @@ mod sync;
 #[cfg(test)]
 mod tests;
 
+pub use databases::DatabaseInfo;
 pub use event::{ChannelInfo, SatelliteError, SatelliteEvent, TickReport};
 pub use sync::Divisor;
 
@@ -76,7 +78,7 @@ pub struct SatelliteCore {
     user: Option<Name>,
     connection: u64,
     /// What to call the flow, or empty.
-    flow_name: String,
+    wanted_name: String,
     /// Of the flow before, whose place this one is to take; then its own.
     session: Session,
     resumed: bool,
@@ -100,6 +102,9 @@ pub struct SatelliteCore {
     /// Answers to polls, by tag.
     polled: Gathering<u32>,
     listed: Vec<ChannelInfo>,
+    /// Lists of other things under way, by the tags of their commands.
+    lists: BTreeMap<u32, databases::List>,
+    flow_name: Option<String>,
     events: VecDeque<SatelliteEvent>,
     next_tag: u32,
     lost: u64,
@@ -124,7 +129,7 @@ impl SatelliteCore {
 
     /// The same for a core that has not logged in yet; later it is of no effect.
     pub fn name_flow(&mut self, name: &str) {
-        name.clone_into(&mut self.flow_name);
+        name.clone_into(&mut self.wanted_name);
     }
 
     /// The same that takes the place of an earlier flow, if the hub still has that: its name, channels,
@@ -151,7 +156,7 @@ impl SatelliteCore {
             hub_nonce: [0; 32],
             user: None,
             connection: 0,
-            flow_name: String::new(),
+            wanted_name: String::new(),
             session: [0; 16],
             resumed: false,
             becoming: 0,
@@ -166,6 +171,8 @@ impl SatelliteCore {
             calls: BTreeSet::new(),
             requests: BTreeSet::new(),
             listed: Vec::new(),
+            lists: BTreeMap::new(),
+            flow_name: None,
             events: VecDeque::new(),
             next_tag: 0,
             lost: 0,

@@ -1,12 +1,14 @@
 //! Channels: opening, closing, changing, telling everyone.
 
 use super::super::channel::Owner;
+use super::super::database::{DatabaseKind, Entity};
 use super::super::delivery::DropReason;
 use super::super::error::RefusalCode;
 use super::super::limits::CHANNELS_PER_FLOW_MAX;
 use super::super::{ChannelKind, ChannelRef, Encoded, Event, Flags, Form, Message, Properties, Right};
 use super::audience::Subscribers;
 use super::connection::Incoming;
+use super::telling::Telling;
 use super::{ConnectionId, Notice, ServerCore, owning_flow};
 use sk_flat::Name;
 
@@ -127,6 +129,7 @@ impl ServerCore {
             connection.owned.retain(|owned| *owned != channel);
             connection.gathering.forget(Incoming::Publish(channel));
         }
+        self.entity_ended(DatabaseKind::Channel, &known.name, Entity::Channel(channel));
         let event = Event::ChannelRemoved { channel };
         self.tell_flows(channel, asked, |tag, _| event.encode(tag, Flags::NONE));
         self.notices.push_back(Notice::ChannelRemoved { channel, name: known.name });
@@ -165,6 +168,7 @@ impl ServerCore {
     fn tell_added(&mut self, channel: ChannelRef, asked: Option<(ConnectionId, u32)>) {
         let Some((known, _)) = self.channels.get(channel) else { return };
         let known = known.clone();
+        self.entity_began(DatabaseKind::Channel, &known.name, Entity::Channel(channel));
         self.tell_flows(channel, asked, |tag, form| known.added(tag, form));
         self.notices.push_back(Notice::ChannelAdded { channel, name: known.name });
     }
@@ -181,9 +185,10 @@ impl ServerCore {
         for index in 0..self.sessions.flows.len() {
             let id = self.sessions.flows[index];
             let Some(connection) = self.connections.get(id) else { continue };
-            let told = connection
-                .replay
-                .is_none_or(|replay| !replay.begins_flow || replay.next > channel.id as u16);
+            let told = connection.replay.as_ref().is_none_or(|replay| match replay.what {
+                Telling::Channels { begins_flow: true, next } => next > channel.id as u16,
+                _ => true,
+            });
             if told && connection.closing.is_none() {
                 let form = connection.form;
                 match asked {
@@ -194,43 +199,6 @@ impl ServerCore {
                     }
                 }
             }
-        }
-    }
-
-    /// Adds lines to a list that is being told, and moves frames to the wire.
-    pub(super) fn fill(&mut self, id: ConnectionId) {
-        let Some(connection) = self.connections.get_mut(id) else { return };
-        connection.output.fill();
-        while let Some(replay) = &mut connection.replay
-            && connection.output.has_room_for_list()
-        {
-            let (tag, form, flow) = (replay.tag, replay.form, replay.begins_flow);
-            let frame = match self.channels.from_id(replay.next) {
-                Some((channel, _)) => {
-                    replay.next = channel.reference.id as u16 + 1;
-                    replay.told += 1;
-                    if flow { channel.added(0, form) } else { channel.listed(tag, form) }
-                }
-                None => {
-                    let count = replay.told;
-                    connection.replay = None;
-                    if flow {
-                        self.notices.push_back(Notice::FlowBegun { connection: id });
-                        let name = connection.flow.as_ref().map(Name::to_string).unwrap_or_default();
-                        let (session, resumed) = (connection.session, connection.resumed.into());
-                        Event::FlowBegun { channels: count, name, session, resumed }.encode(tag, Flags::NONE)
-                    } else {
-                        Event::ListEnd { count }.encode(tag, Flags::NONE)
-                    }
-                }
-            };
-            // A list pauses long before the limit of the control queue.
-            connection.output.control(frame);
-            connection.output.fill();
-        }
-        connection.fill_latest();
-        if connection.output.paused && connection.replay.is_none() {
-            self.tell_inherited(id);
         }
     }
 }

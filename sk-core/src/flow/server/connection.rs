@@ -7,8 +7,10 @@ use super::super::inbound::Inbound;
 use super::super::login::Nonce;
 use super::super::outgoing::Begun;
 use super::super::{ChannelRef, Command, Form, State};
+use super::databases::Desk;
 use super::output::Output;
 use super::requests::RequestId;
+use super::telling::Telling;
 use sk_flat::{Instant, Name};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::fmt;
@@ -79,17 +81,14 @@ pub enum Ending {
     Spurious(ProtocolError),
 }
 
-/// The answer to `list_channels` or `set_async` while it is being given.
-#[derive(Clone, Copy, Debug)]
+/// An answer of many lines while it is being given: to `list_channels`, `set_async`, `db_all` and such.
+#[derive(Clone, Debug)]
 pub(super) struct Replay {
     pub(super) tag: u32,
-    /// The form of the properties.
+    /// The form of the values.
     pub(super) form: Form,
-    /// Whether it is the beginning of a flow.
-    pub(super) begins_flow: bool,
-    /// The lowest identifier that has not been told.
-    pub(super) next: u16,
     pub(super) told: u32,
+    pub(super) what: Telling,
 }
 
 /// What an unfinished message of a client's is.
@@ -142,6 +141,7 @@ pub(super) struct Connection {
     pub(super) polls: Vec<ChannelRef>,
     /// The answer to `poll` while it is being given, with its tag.
     pub(super) latest: Option<Box<(u32, Begun)>>,
+    pub(super) desk: Desk,
     /// Whether it waits for a turn.
     pub(super) queued: bool,
     /// Whether it is listed as having something to write.
@@ -189,6 +189,7 @@ impl Connection {
             replay: None,
             polls: Vec::new(),
             latest: None,
+            desk: Desk::default(),
             queued: false,
             dirty: false,
             opened: now,
@@ -206,14 +207,17 @@ impl Connection {
 
     /// The next command, whether it came as bytes or from inside.
     pub(super) fn next_command(&mut self) -> Result<Option<Tagged<Command>>, ProtocolError> {
+        if let Some(again) = self.desk.take_again() {
+            return Ok(Some(again));
+        }
         match self.inbound.next()? {
             Some(command) => Ok(Some(command)),
             None => self.parts.pop_front().map(|frame| self.inbound.accept(frame)).transpose(),
         }
     }
 
-    /// Whether commands must wait: the connection ends, a list or a message is being told, its answers pile up, or it is
-    /// synchronous and a call of it has no answer yet.
+    /// Whether commands must wait: the connection ends, a list or a message is being told, its answers pile up, it
+    /// waits for the disk, or it is synchronous and a call of it has no answer yet.
     pub(super) fn is_held(&self) -> bool {
         self.is_unread() || self.awaits_answer()
     }
@@ -225,6 +229,12 @@ impl Connection {
             || self.latest.is_some()
             || self.login_refused_at.is_some()
             || self.output.answers_pile_up()
+            || self.desk.is_held()
+    }
+
+    /// Whether something is to be sent.
+    pub(super) fn has_output(&self) -> bool {
+        !self.output.is_empty() || self.replay.is_some() || self.latest.is_some() || self.desk.has_news()
     }
 
     /// Whether later commands wait for the answer to a call. It is read from all the same, so that its end is
@@ -236,7 +246,7 @@ impl Connection {
 
     /// Whether input waits that has not been looked at.
     pub(super) fn has_input(&self) -> bool {
-        self.inbound.pending() > 0 || !self.parts.is_empty()
+        self.inbound.pending() > 0 || !self.parts.is_empty() || self.desk.has_again()
     }
 }
 

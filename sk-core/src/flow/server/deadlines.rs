@@ -97,6 +97,10 @@ impl ServerCore {
             // Who is not read from shows life by reading.
             connection.heard = connection.heard.max(connection.taken);
         }
+        if connection.desk.is_held() {
+            // It is the disk that is slow, not the peer.
+            connection.heard = now;
+        }
         let silence = now.since(connection.heard);
         if late_login || late_frame || silence >= SILENCE_MAX && !is_planted(Bug::SilenceForgiven) {
             return self.close(id, ClosingReason::Silent);

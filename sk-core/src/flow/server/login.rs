@@ -7,7 +7,8 @@ use super::super::limits::{
 };
 use super::super::login::{NO_PROOF, Nonce, Proof};
 use super::super::{Event, Form, Rights};
-use super::connection::{Origin, Replay};
+use super::connection::Origin;
+use super::telling::Telling;
 use super::{ConnectionId, Notice, ServerCore};
 
 /// The fields of a client's first frame.
@@ -104,8 +105,6 @@ impl ServerCore {
     }
 
     pub(super) fn list(&mut self, id: ConnectionId, tag: u32, form: Form) {
-        let Some(connection) = self.connections.get_mut(id) else { return };
-        connection.replay = Some(Replay { tag, form, begins_flow: false, next: 0, told: 0 });
-        self.mark_dirty(id);
+        self.tell_list(id, tag, form, Telling::Channels { begins_flow: false, next: 0 });
     }
 }

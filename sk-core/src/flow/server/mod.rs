@@ -19,6 +19,7 @@ mod books;
 mod channels;
 mod connection;
 mod credit;
+mod databases;
 mod deadlines;
 mod fan_out;
 mod inspect;
@@ -37,6 +38,7 @@ mod subscriptions;
 mod sync;
 mod sync_target;
 mod talk;
+mod telling;
 #[cfg(test)]
 mod tests;
 mod turn;
@@ -47,6 +49,7 @@ pub use requests::RequestId;
 pub use sessions::Session;
 
 use super::channel::{Channel, Owner, Registry};
+use super::database::{DatabaseKind, Databases, Entity};
 use super::definition::Encoded;
 use super::delivery::{Budget, Counts, DropReason};
 use super::error::{ClosingReason, ProtocolError, RefusalCode};
@@ -117,6 +120,8 @@ pub struct ServerCore {
     settings: Settings,
     connections: Connections,
     channels: Registry<Subscribers>,
+    databases: Databases,
+    storing: databases::Storing,
     /// Connections with commands that wait for their turn.
     work: VecDeque<ConnectionId>,
     dirty: Vec<ConnectionId>,
@@ -158,10 +163,12 @@ pub struct ServerCore {
 impl ServerCore {
     /// A hub with nobody connected.
     pub fn new(settings: Settings, now: Instant) -> ServerCore {
-        ServerCore {
+        let mut core = ServerCore {
             settings,
             connections: Connections::default(),
             channels: Registry::default(),
+            databases: Databases::default(),
+            storing: databases::Storing::default(),
             work: VecDeque::new(),
             dirty: Vec::new(),
             notices: VecDeque::new(),
@@ -187,7 +194,10 @@ impl ServerCore {
             next_check: now + CHECK_INTERVAL,
             pings: 0,
             next_own_message: 0,
-        }
+        };
+        let owner = core.settings.user.clone();
+        core.entity_began(DatabaseKind::User, &owner, Entity::User);
+        core
     }
 
     /// Takes a new connection in; `nonce` are 32 bytes from the world's `Rng`. If too many wait for their
@@ -208,6 +218,7 @@ impl ServerCore {
         if self.waiting >= UNAUTHENTICATED_MAX {
             self.evict();
         }
+        self.databases.stir(&nonce);
         let id = self.connections.add(Connection::new(origin, nonce, now));
         self.waiting += 1;
         while let Some(first) = self.newcomers.front()
@@ -266,9 +277,7 @@ impl ServerCore {
 
     /// Whether a connection has something to write.
     pub fn has_output(&self, id: ConnectionId) -> bool {
-        self.connections.get(id).is_some_and(|connection| {
-            !connection.output.is_empty() || connection.replay.is_some() || connection.latest.is_some()
-        })
+        self.connections.get(id).is_some_and(Connection::has_output)
     }
 
     /// The next bytes for the transport, for one vectored write of at most `slices_max` parts.
@@ -444,6 +453,7 @@ impl ServerCore {
         let owned = std::mem::take(&mut connection.owned);
         let subscribed = connection.output.channels();
         let polled = std::mem::take(&mut connection.polls);
+        self.leave_databases(id);
         for channel in owned {
             self.remove_channel(channel, None, reason);
         }

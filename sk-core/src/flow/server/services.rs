@@ -12,6 +12,7 @@ use super::connection::{Call, Incoming};
 use super::requests::{Request, RequestId};
 use super::talk::{Kind, Talk, TalkKey};
 use super::{ConnectionId, Notice, ServerCore, owning_flow};
+use crate::testing::{Bug, is_planted};
 use bytes::Bytes;
 use sk_flat::{Instant, Name};
 use std::time::Duration;
@@ -264,7 +265,7 @@ impl ServerCore {
             return self.end_request(id, Some((RefusalCode::Full, None)));
         }
         self.mark_dirty(asker);
-        if more {
+        if more || is_planted(Bug::AnswerKeepsRequest) {
             self.requests.refresh(id, self.now);
         } else {
             self.forget_request(id);
@@ -347,7 +348,8 @@ impl ServerCore {
         let open: Vec<RequestId> = serving.into_iter().flatten().copied().collect();
         for request in open {
             if self.requests.get(request).is_some_and(|open| open.channel == channel) {
-                self.end_request(request, Some((RefusalCode::OwnerGone, None)));
+                let told = !is_planted(Bug::OwnerGoneUntold);
+                self.end_request(request, told.then_some((RefusalCode::OwnerGone, None)));
             }
         }
     }

@@ -1,10 +1,11 @@
 //! Names of flows, and sessions: a satellite that comes back takes its own place again.
 
 use super::super::channel::Owner;
+use super::super::database::{DatabaseKind, Entity};
 use super::super::error::{ClosingReason, RefusalCode};
 use super::super::{ChannelKind, ChannelRef, Event, Form};
 use super::audience::Credit;
-use super::connection::Replay;
+use super::telling::Telling;
 use super::{ConnectionId, Notice, ServerCore, owning_flow};
 use rustc_hash::FxHashMap;
 use sha2::{Digest, Sha256};
@@ -66,13 +67,15 @@ impl ServerCore {
         self.sessions.sessions.insert(own, id);
         self.sessions.flows.push(id);
         let Some(connection) = self.connections.get_mut(id) else { return };
-        connection.flow = Some(full);
+        connection.flow = Some(full.clone());
         connection.session = own;
         connection.resumed = predecessor.is_some();
         connection.form = form;
         connection.inbound.advance();
-        connection.replay = Some(Replay { tag, form, begins_flow: true, next: 0, told: 0 });
-        self.mark_dirty(id);
+        if predecessor.is_none() {
+            self.entity_began(DatabaseKind::Flow, &full, Entity::Flow(id.wire()));
+        }
+        self.tell_list(id, tag, form, Telling::Channels { begins_flow: true, next: 0 });
     }
 
     /// Gives a flow's place to its successor: name, channels and subscriptions with all that waits. What was
@@ -83,6 +86,7 @@ impl ServerCore {
         let owned = std::mem::take(&mut gone.owned);
         let kept = std::mem::take(&mut gone.output.kept);
         let subscriptions = gone.output.give_away();
+        let selected = gone.desk.selected.take();
         for channel in &owned {
             self.change_owner(*channel, old, new);
         }
@@ -90,6 +94,7 @@ impl ServerCore {
         come.owned = owned;
         come.output.kept = kept;
         come.output.paused = true;
+        come.desk.selected = selected;
         for subscription in subscriptions {
             let Some(come) = self.connections.get_mut(new) else { break };
             let (channel, slot) = come.output.take_over(subscription);
@@ -99,6 +104,10 @@ impl ServerCore {
                 known.connection = new;
                 known.slot = slot;
             }
+        }
+        if let Some(name) = &name {
+            // The flow's database is the successor's before the former one ends.
+            self.entity_began(DatabaseKind::Flow, name, Entity::Flow(new.wire()));
         }
         self.notices.push_back(Notice::Resumed { from: old, connection: new });
         self.close(old, ClosingReason::Replaced);
@@ -123,6 +132,11 @@ impl ServerCore {
     pub(super) fn tell_inherited(&mut self, id: ConnectionId) {
         let Some(connection) = self.connections.get_mut(id) else { return };
         connection.output.paused = false;
+        if let Some(selected) = &connection.desk.selected {
+            let event = Event::DatabaseSelected { database: selected.to_string() };
+            self.answer(id, 0, &event);
+        }
+        let Some(connection) = self.connections.get(id) else { return };
         for channel in connection.owned.clone() {
             let Some((_, beside)) = self.channels.get(channel) else { continue };
             let (source, heard, reliable) = (beside.source(), beside.is_heard(), beside.is_reliable());

@@ -152,6 +152,21 @@ impl ServerCore {
             }
             Command::Decline { request, text } => self.decline(id, request, text),
             Command::Cancel { call } => self.cancel(id, call),
+            message @ (Command::DbSelect { .. }
+            | Command::DbCreate { .. }
+            | Command::DbExists { .. }
+            | Command::DbRemove { .. }
+            | Command::DbSave {}
+            | Command::DbLoad {}
+            | Command::DbList { .. }
+            | Command::VarSet { .. }
+            | Command::VarGet { .. }
+            | Command::VarHas { .. }
+            | Command::VarDelete { .. }
+            | Command::DbKeys { .. }
+            | Command::DbAll { .. }
+            | Command::Watch { .. }
+            | Command::Unwatch { .. }) => self.database_command(id, tag, message),
             message => self.refuse_once(id, tag, flags, &message, RefusalCode::NotOffered),
         }
         Ok(())

@@ -54,6 +54,11 @@ impl SkFlowSat {
         {
             log_failure(name, core.subscribe_as(name, *policy, *depth));
         }
+        let (interval, mode) = (cx.settings().interval, cx.settings().mode);
+        self.clerk
+            .introduce("pulse.interval_ms", &(interval.as_secs_f64() * 1000.0).into());
+        self.clerk.introduce("pulse.mode", &format!("{mode:?}").into());
+        self.clerk.restore(core);
         self.restore_services(cx);
         self.restore_sync();
         self.flush_later(cx);

@@ -1,11 +1,14 @@
 //! A satellite as an object: its link to a hub around a [`SatelliteCore`], and the way back when it breaks.
 
 mod channels;
+mod clerk;
 mod commands;
+mod database;
 mod events;
 mod services;
 mod sync;
 
+pub use database::{FlowDatabase, Variable};
 pub(crate) use services::doc_or_map;
 
 use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteEvent, TickReport};
@@ -85,6 +88,8 @@ pub struct SkFlowSat {
     /// How many links there have been.
     link_number: u64,
     call_timer: Handle<Timer>,
+    /// Its dealings with databases.
+    clerk: clerk::Clerk,
     reconnect: Handle<Timer>,
     reconnect_after: Duration,
     losses: u64,
@@ -269,6 +274,7 @@ impl SkFlowSat {
                 sync: sync::Sync::default(),
                 link_number: 0,
                 call_timer,
+                clerk: clerk::Clerk::default(),
                 reconnect,
                 reconnect_after: RECONNECT_FIRST,
                 losses: 0,
@@ -348,6 +354,7 @@ impl SkFlowSat {
         self.heard.clear();
         self.end_services(cx);
         self.end_sync(cx);
+        self.clerk.lose();
         if matches!(self.way, Way::Address { .. }) {
             // The timer is this object's child and lives as long as it.
             let _ = self.reconnect.start_once(cx, self.reconnect_after);
@@ -361,7 +368,10 @@ impl SkFlowSat {
             Way::Pipe => tracing::warn!("the hub of this process has ended: {why}"),
         }
         let this = cx.this(self);
-        cx.post_own(this, move |cx| cx.emit_own(this, |satellite| &satellite.lost, &why));
+        cx.post_own(this, move |cx| {
+            database::tell_told(cx, this);
+            cx.emit_own(this, |satellite| &satellite.lost, &why);
+        });
     }
 
     fn on_reconnect(&mut self, cx: &mut Cx) {
@@ -378,6 +388,9 @@ impl SkFlowSat {
             && let Err(error) = core.tick(now)
         {
             self.break_link(cx, error.to_string());
+        }
+        if let Some(core) = &mut self.core {
+            self.clerk.check(core);
         }
         self.flush_later(cx);
     }
@@ -451,7 +464,12 @@ impl SkFlowSat {
 
     /// Takes the next event and does the bookkeeping for it.
     fn next_event(&mut self, cx: &mut Cx) -> Option<SatelliteEvent> {
-        let event = self.core.as_mut()?.next_event()?;
+        let core = self.core.as_mut()?;
+        let mut event = core.next_event()?;
+        // What is about databases is told by their own objects.
+        while self.clerk.hear(core, &event) {
+            event = core.next_event()?;
+        }
         self.note_sync(cx, &event);
         match &event {
             SatelliteEvent::Ready => self.restore(cx),

@@ -171,8 +171,8 @@ mod tests {
     use super::*;
 
     fn site() -> Site {
-        let mut site = Site::default();
-        site.settings = HttpSettings::default().allow_origin("https://lab.example");
+        let settings = HttpSettings::default().allow_origin("https://lab.example");
+        let mut site = Site { settings, ..Site::default() };
         site.pages
             .insert("/".into(), Page { kind: "text/html", body: Bytes::from_static(b"here") });
         site.listens_at(&Endpoint::Ip("10.0.0.7:80".parse().expect("an address")));

@@ -1,6 +1,7 @@
 //! The rules of the hub, with its two sides talking through memory.
 
 mod channels;
+mod databases;
 mod deadlines;
 mod delivery;
 mod inspect;
@@ -12,7 +13,10 @@ mod replicas;
 mod service_limits;
 mod services;
 mod sessions;
+#[cfg(feature = "store")]
+mod stored;
 mod sync;
+mod watches;
 
 use super::super::limits::*;
 use super::super::satellite::{Credentials, SatelliteCore, SatelliteEvent};
@@ -82,7 +86,19 @@ impl Raw {
     /// Everything that the hub has for this client.
     fn read(&mut self, hub: &mut ServerCore) -> Vec<Tagged<Event>> {
         let mut events = Vec::new();
-        while let Some(frame) = hub.take(self.id) {
+        loop {
+            let one = self.read_one(hub);
+            if one.is_empty() {
+                return events;
+            }
+            events.extend(one);
+        }
+    }
+
+    /// The next frame that the hub has for this client.
+    fn read_one(&mut self, hub: &mut ServerCore) -> Vec<Tagged<Event>> {
+        let mut events = Vec::new();
+        if let Some(frame) = hub.take(self.id) {
             self.inbound.feed(&frame.to_vec());
             while let Some(event) = self.inbound.next().expect("the hub is honest") {
                 if matches!(
@@ -109,6 +125,22 @@ impl Raw {
         raw.read(hub);
         assert_eq!(raw.inbound.state(), State::Flow);
         raw
+    }
+
+    fn synchronous(hub: &mut ServerCore, origin: Origin) -> Raw {
+        let mut raw = Raw::open(hub, origin);
+        for command in [Raw::hello(FRAGMENT_BYTES_MAX as u32), Command::LoginPeer {}] {
+            raw.send(hub, 1, &command);
+        }
+        raw.read(hub);
+        assert_eq!(raw.inbound.state(), State::Synchronous);
+        raw
+    }
+
+    /// Sends a command and answers what came with its tag.
+    fn ask(&mut self, hub: &mut ServerCore, command: &Command) -> Vec<Event> {
+        self.send(hub, 79, command);
+        tagged(&self.read(hub), 79)
     }
 
     fn create(&mut self, hub: &mut ServerCore, name: &str) -> ChannelRef {
@@ -184,17 +216,6 @@ impl Raw {
             _ => None,
         });
         created.unwrap_or_else(|| panic!("no channel, but {events:?}"))
-    }
-
-    /// A synchronous connection.
-    fn synchronous(hub: &mut ServerCore, origin: Origin) -> Raw {
-        let mut raw = Raw::open(hub, origin);
-        for command in [Raw::hello(FRAGMENT_BYTES_MAX as u32), Command::LoginPeer {}] {
-            raw.send(hub, 1, &command);
-        }
-        raw.read(hub);
-        assert_eq!(raw.inbound.state(), State::Synchronous);
-        raw
     }
 
     fn subscribe_as(&mut self, hub: &mut ServerCore, channel: ChannelRef, policy: Policy, depth: u16) {
