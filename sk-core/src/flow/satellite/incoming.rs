@@ -40,7 +40,7 @@ impl SatelliteCore {
             }
             Event::Pong {} => self.events.push_back(SatelliteEvent::Pong { tag }),
             Event::FlowBegun { name, session, resumed, .. } => {
-                self.flow_name = Some(name);
+                self.flow_full_name = Some(name);
                 self.flow_begun(session, resumed != 0);
             }
             Event::ChannelListed { channel, kind, hash, owner, name, properties } => {
@@ -114,11 +114,11 @@ impl SatelliteCore {
             Event::Refused { code, text } => {
                 self.creating.remove(&tag);
                 self.on_call_over(tag);
+                self.lists.remove(&tag);
                 if tag != 0 && tag == self.becoming {
                     // This connection can become nothing any more.
                     self.closing = true;
                 }
-                self.lists.remove(&tag);
                 self.events.push_back(SatelliteEvent::Refused { tag, code, text });
             }
             // Answers to what this satellite does not ask.
@@ -194,7 +194,7 @@ impl SatelliteCore {
         self.inbound.advance();
         self.events.push_back(SatelliteEvent::LoggedIn { user, connection });
         if self.wants_flow {
-            let name = self.wanted_name.clone();
+            let name = self.flow_name.clone();
             self.becoming = self.send(&Command::SetAsync { name, session: self.session, form: Form::Binary });
         } else {
             self.events.push_back(SatelliteEvent::Ready);

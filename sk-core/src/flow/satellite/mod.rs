@@ -78,7 +78,7 @@ pub struct SatelliteCore {
     user: Option<Name>,
     connection: u64,
     /// What to call the flow, or empty.
-    wanted_name: String,
+    flow_name: String,
     /// Of the flow before, whose place this one is to take; then its own.
     session: Session,
     resumed: bool,
@@ -104,7 +104,8 @@ pub struct SatelliteCore {
     listed: Vec<ChannelInfo>,
     /// Lists of other things under way, by the tags of their commands.
     lists: BTreeMap<u32, databases::List>,
-    flow_name: Option<String>,
+    /// The full name of the flow, once it is one.
+    flow_full_name: Option<String>,
     events: VecDeque<SatelliteEvent>,
     next_tag: u32,
     lost: u64,
@@ -129,7 +130,7 @@ impl SatelliteCore {
 
     /// The same for a core that has not logged in yet; later it is of no effect.
     pub fn name_flow(&mut self, name: &str) {
-        name.clone_into(&mut self.wanted_name);
+        name.clone_into(&mut self.flow_name);
     }
 
     /// The same that takes the place of an earlier flow, if the hub still has that: its name, channels,
@@ -156,7 +157,7 @@ impl SatelliteCore {
             hub_nonce: [0; 32],
             user: None,
             connection: 0,
-            wanted_name: String::new(),
+            flow_name: String::new(),
             session: [0; 16],
             resumed: false,
             becoming: 0,
@@ -172,7 +173,7 @@ impl SatelliteCore {
             requests: BTreeSet::new(),
             listed: Vec::new(),
             lists: BTreeMap::new(),
-            flow_name: None,
+            flow_full_name: None,
             events: VecDeque::new(),
             next_tag: 0,
             lost: 0,

@@ -137,11 +137,11 @@ pub(super) struct Connection {
     pub(super) serving: BTreeSet<RequestId>,
     pub(super) owned: Vec<ChannelRef>,
     pub(super) replay: Option<Replay>,
+    pub(super) desk: Desk,
     /// Channels that it registered to poll.
     pub(super) polls: Vec<ChannelRef>,
     /// The answer to `poll` while it is being given, with its tag.
     pub(super) latest: Option<Box<(u32, Begun)>>,
-    pub(super) desk: Desk,
     /// Whether it waits for a turn.
     pub(super) queued: bool,
     /// Whether it is listed as having something to write.
@@ -187,9 +187,9 @@ impl Connection {
             serving: BTreeSet::new(),
             owned: Vec::new(),
             replay: None,
+            desk: Desk::default(),
             polls: Vec::new(),
             latest: None,
-            desk: Desk::default(),
             queued: false,
             dirty: false,
             opened: now,

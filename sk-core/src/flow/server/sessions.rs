@@ -63,18 +63,18 @@ impl ServerCore {
             Some(old) => self.take_place(old, id).unwrap_or(full),
             None => full,
         };
+        if predecessor.is_none() {
+            self.entity_began(DatabaseKind::Flow, &full, Entity::Flow(id.wire()));
+        }
         self.sessions.names.insert(full.clone(), id);
         self.sessions.sessions.insert(own, id);
         self.sessions.flows.push(id);
         let Some(connection) = self.connections.get_mut(id) else { return };
-        connection.flow = Some(full.clone());
+        connection.flow = Some(full);
         connection.session = own;
         connection.resumed = predecessor.is_some();
         connection.form = form;
         connection.inbound.advance();
-        if predecessor.is_none() {
-            self.entity_began(DatabaseKind::Flow, &full, Entity::Flow(id.wire()));
-        }
         self.tell_list(id, tag, form, Telling::Channels { begins_flow: true, next: 0 });
     }
 
@@ -92,9 +92,9 @@ impl ServerCore {
         }
         let come = self.connections.get_mut(new)?;
         come.owned = owned;
+        come.desk.selected = selected;
         come.output.kept = kept;
         come.output.paused = true;
-        come.desk.selected = selected;
         for subscription in subscriptions {
             let Some(come) = self.connections.get_mut(new) else { break };
             let (channel, slot) = come.output.take_over(subscription);

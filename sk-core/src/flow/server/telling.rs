@@ -84,8 +84,8 @@ impl ServerCore {
             return Some(Event::ListEnd { count }.encode(replay.tag, Flags::NONE));
         }
         let name = connection.flow.as_ref().map(Name::to_string).unwrap_or_default();
-        let (session, resumed) = (connection.session, connection.resumed.into());
         self.notices.push_back(Notice::FlowBegun { connection: id });
+        let (session, resumed) = (connection.session, connection.resumed.into());
         let begun = Event::FlowBegun { channels: count, name, session, resumed };
         Some(begun.encode(replay.tag, Flags::NONE))
     }
