@@ -25,7 +25,8 @@ mod kinds;
 pub mod limits;
 pub mod login;
 mod message;
-
+mod outgoing;
+pub mod report;
 pub mod satellite;
 pub mod server;
 mod service;

@@ -61,6 +61,11 @@ impl ServerCore {
             connection.output.control(frame);
             connection.output.fill();
         }
+        let Some(connection) = self.connections.get_mut(id) else { return };
+        connection.fill_latest();
+        if connection.output.paused && connection.replay.is_none() {
+            self.tell_inherited(id);
+        }
     }
 
     fn next_line(&mut self, id: ConnectionId) -> Option<Encoded> {
@@ -80,7 +85,8 @@ impl ServerCore {
         }
         let name = connection.flow.as_ref().map(Name::to_string).unwrap_or_default();
         self.notices.push_back(Notice::FlowBegun { connection: id });
-        let begun = Event::FlowBegun { channels: count, name, session: [0; 16], resumed: 0 };
+        let (session, resumed) = (connection.session, connection.resumed.into());
+        let begun = Event::FlowBegun { channels: count, name, session, resumed };
         Some(begun.encode(replay.tag, Flags::NONE))
     }
 
