@@ -56,7 +56,9 @@ pub struct Pattern {
 
 /// Why a text is no pattern.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
-#[error("a pattern is a name of a-z 0-9 _ . - : and may end with `*`; it has 1 to {TEXT_BYTES_MAX} characters")]
+#[error(
+    "a pattern is a name of a-z 0-9 _ . - : and may end with `*`; it has 1 to {TEXT_BYTES_MAX} characters"
+)]
 pub struct PatternError;
 
 impl Pattern {
@@ -98,7 +100,9 @@ impl fmt::Display for Pattern {
 #[non_exhaustive]
 pub enum RightError {
     /// There is no such right.
-    #[error("there is no such right; there are list, publish, subscribe, serve, call, blob_read, blob_write, database_read, database_write, administer")]
+    #[error(
+        "there is no such right; there are list, publish, subscribe, serve, call, blob_read, blob_write, database_read, database_write, administer"
+    )]
     Unknown,
     /// The value is not a list of texts.
     #[error("it is not a list of patterns")]
@@ -116,7 +120,10 @@ pub enum RightError {
 /// # Errors
 /// If it is anything else than a list of patterns for a right that there is.
 pub fn read_right(key: &str, value: &SkVariant) -> Result<(Right, Vec<Pattern>), RightError> {
-    let right = key.strip_prefix(RIGHT_PREFIX).and_then(Right::by_name).ok_or(RightError::Unknown)?;
+    let right = key
+        .strip_prefix(RIGHT_PREFIX)
+        .and_then(Right::by_name)
+        .ok_or(RightError::Unknown)?;
     let list = value.as_list().ok_or(RightError::NoList)?;
     if list.len() > PATTERNS_PER_RIGHT_MAX {
         return Err(RightError::TooMany);
@@ -200,7 +207,11 @@ mod tests {
     use proptest::prelude::*;
 
     fn list(patterns: &[&str]) -> SkVariant {
-        patterns.iter().map(|pattern| SkVariant::from(*pattern)).collect::<Vec<_>>().into()
+        patterns
+            .iter()
+            .map(|pattern| SkVariant::from(*pattern))
+            .collect::<Vec<_>>()
+            .into()
     }
 
     #[test]

@@ -112,6 +112,8 @@ impl ClientExchange {
 
     /// Whether the hub has proved that it knows the account.
     pub fn hub_is_true(&self, signature: &Proof) -> bool {
-        self.proven.as_ref().is_some_and(|(login, keys)| keys.hub_is_true(login, signature))
+        self.proven
+            .as_ref()
+            .is_some_and(|(login, keys)| keys.hub_is_true(login, signature))
     }
 }

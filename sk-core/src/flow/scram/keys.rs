@@ -138,9 +138,12 @@ impl Verifier {
         server_key: [u8; KEY_BYTES],
     ) -> Option<Verifier> {
         let (stored_key, server_key) = (Zeroizing::new(stored_key), Zeroizing::new(server_key));
-        (ROUNDS_MIN..=ROUNDS_MAX)
-            .contains(&rounds)
-            .then_some(Verifier { salt, rounds, stored_key, server_key })
+        (ROUNDS_MIN..=ROUNDS_MAX).contains(&rounds).then_some(Verifier {
+            salt,
+            rounds,
+            stored_key,
+            server_key,
+        })
     }
 
     /// One for an account that is not there: it looks like others, is always the same for a name, and nobody
@@ -188,7 +191,12 @@ impl Verifier {
         let bytes = |key: &str| map.get(key)?.as_bytes().map(|bytes| &bytes[..]);
         let rounds = u32::try_from(map.get("rounds")?).ok()?;
         let salt = bytes("salt")?.try_into().ok()?;
-        Verifier::new(rounds, salt, bytes("stored_key")?.try_into().ok()?, bytes("server_key")?.try_into().ok()?)
+        Verifier::new(
+            rounds,
+            salt,
+            bytes("stored_key")?.try_into().ok()?,
+            bytes("server_key")?.try_into().ok()?,
+        )
     }
 }
 

@@ -46,7 +46,10 @@ fn attribute<'a>(text: &mut Option<&'a str>, name: &'static str) -> Result<&'a s
         None => (whole, None),
     };
     *text = rest;
-    first.strip_prefix(name).and_then(|value| value.strip_prefix('=')).ok_or_else(malformed)
+    first
+        .strip_prefix(name)
+        .and_then(|value| value.strip_prefix('='))
+        .ok_or_else(malformed)
 }
 
 fn nothing_more(text: Option<&str>) -> Result<(), ScramError> {

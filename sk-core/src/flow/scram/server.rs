@@ -24,7 +24,9 @@ pub struct ServerExchange {
 
 impl fmt::Debug for ServerExchange {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("ServerExchange").field("user", &self.user).finish_non_exhaustive()
+        f.debug_struct("ServerExchange")
+            .field("user", &self.user)
+            .finish_non_exhaustive()
     }
 }
 

@@ -69,7 +69,10 @@ fn nobodys_challenge_looks_like_any_other_and_is_the_same_tomorrow() {
         let verifier = few_rounds("pencil", ROUNDS_MIN).verifier();
         let find = |user: &str| (user == "ada").then(|| verifier.clone());
         let first = ClientExchange::new(user, &[1; 32]).first();
-        ServerExchange::begin(&first, &random, &[3; 32], &find).expect("well formed").challenge().to_owned()
+        ServerExchange::begin(&first, &random, &[3; 32], &find)
+            .expect("well formed")
+            .challenge()
+            .to_owned()
     };
     let [known, bob, carl] = ["ada", "bob", "carl"].map(|user| challenge(user, [2; 32]));
     assert_eq!(known.len(), bob.len());
@@ -135,7 +138,10 @@ fn what_does_not_follow_the_grammar_is_refused() {
         assert!(ServerFirst::read(bad).is_err(), "{bad:?}");
     }
     for rounds in ["", "+4096", "-1", "04096", "4096,", "99999999999", "4e3", "0"] {
-        assert!(ServerFirst::read(&format!("r=x,s=W22ZaJ0SNY7soEsUEjb6gQ==,i={rounds}")).is_err(), "{rounds}");
+        assert!(
+            ServerFirst::read(&format!("r=x,s=W22ZaJ0SNY7soEsUEjb6gQ==,i={rounds}")).is_err(),
+            "{rounds}"
+        );
     }
 }
 
