@@ -111,6 +111,8 @@ impl ServerCore {
         }
         self.notices.push_back(Notice::Resumed { from: old, connection: new });
         self.close(old, ClosingReason::Replaced);
+        // It may not have all the rights of its predecessor.
+        self.enforce_rights(new);
         name
     }
 
