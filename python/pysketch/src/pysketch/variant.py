@@ -3,7 +3,7 @@
 | variant | Python |
 |---|---|
 | null, bool | None, bool |
-| i8 … u64 | int (also Python 2's long) |
+| i8 to u64 | int (also Python 2's long) |
 | f32, f64 | float |
 | string | text: str in Python 3, unicode in Python 2 |
 | bytes | bytes in Python 3, bytearray in Python 2 |

@@ -1,0 +1,120 @@
+"""What a connection is made of: TCP and Unix sockets. Each looks like a non-blocking socket.
+
+A link has `fileno()`, `recv_into(view)`, `send(parts)` and `close()`; both calls answer None when they would
+have to wait.
+"""
+
+import errno
+import os
+import socket
+
+from .login import LoginError, Password, Peer, Token, state_folder
+
+_WAIT = (errno.EAGAIN, errno.EWOULDBLOCK, errno.EINTR)
+# Linux takes 1,024 parts in one call; more than this is never ready at once.
+_PARTS_MAX = 64
+_JOIN_BYTES_MAX = 64 * 1024
+
+
+class LinkError(IOError):
+    """The hub cannot be reached, or the link broke."""
+
+
+class Address(object):
+    """Where a hub is: `unix:/path/hub.sock`, `tcp:127.0.0.1:7110`, `tty:/dev/ttyUSB0`. None: this user's hub."""
+
+    def __init__(self, text=None):
+        if text is None:
+            text = "unix:" + os.path.join(state_folder(), "hub.sock")
+        kind, _, rest = str(text).partition(":")
+        self.text, self.kind = str(text), kind
+        if kind == "unix" and rest:
+            self.place = rest
+        elif kind == "tcp" and rest.rpartition(":")[2].isdigit():
+            host, _, port = rest.rpartition(":")
+            self.place = (host.strip("[]"), int(port))
+        elif kind == "tty" and rest:
+            self.place = rest
+        else:
+            raise LinkError("%r is no address of a hub: it is unix:PATH, tcp:HOST:PORT or tty:DEVICE" % (text,))
+
+    def __str__(self):
+        return self.text
+
+    def credentials(self, given=None):
+        """How to log in there: what was given, else the user of the socket, else the owner's token."""
+        if given is not None:
+            return Password(*given) if isinstance(given, tuple) else given
+        if self.kind == "unix":
+            return Peer()
+        try:
+            return Token.read(os.path.join(state_folder(), "owner.token"))
+        except LoginError as error:
+            raise LoginError("%s; give credentials=Token.read(path) or credentials=(user, password)" % error)
+
+    def open(self, timeout=2.0):
+        """A link to the hub. Blocks until it is connected, `timeout` seconds at most."""
+        try:
+            if self.kind == "unix":
+                link = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+                link.settimeout(timeout)
+                link.connect(self.place)
+            elif self.kind == "tcp":
+                link = socket.create_connection(self.place, timeout)
+                link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            else:
+                from .tty import Line
+                return Line.open(self.place).stream()
+        except (socket.error, IOError, OSError) as error:
+            raise LinkError("no hub answers at %s (%s): is skrobot running?" % (self, error))
+        link.setblocking(False)
+        return SocketLink(link)
+
+
+class SocketLink(object):
+    """A connected socket."""
+
+    def __init__(self, link):
+        self._link = link
+        self._gathers = hasattr(link, "sendmsg")
+
+    def fileno(self):
+        """For `select`."""
+        return self._link.fileno()
+
+    def recv_into(self, view):
+        """Receives; answers how many bytes, 0 at the end of the stream, None if there are none yet."""
+        try:
+            return self._link.recv_into(view)
+        except (socket.error, IOError) as error:
+            if error.errno in _WAIT:
+                return None
+            raise LinkError("the link broke: %s" % error)
+
+    def send(self, parts):
+        """Sends the beginning of the parts; answers how many bytes went, None if none could."""
+        try:
+            if self._gathers:
+                return self._link.sendmsg(parts[:_PARTS_MAX])
+            return self._link.send(_joined(parts))
+        except (socket.error, IOError) as error:
+            if error.errno in _WAIT:
+                return None
+            raise LinkError("the link broke: %s" % error)
+
+    def close(self):
+        """Ends it."""
+        self._link.close()
+
+
+def _joined(parts):
+    """One piece for a socket that takes no list."""
+    if len(parts[0]) >= _JOIN_BYTES_MAX:
+        return parts[0]
+    taken, length = [], 0
+    for part in parts:
+        if taken and length + len(part) > _JOIN_BYTES_MAX:
+            break
+        taken.append(bytes(part) if not isinstance(part, memoryview) else part.tobytes())
+        length += len(part)
+    return b"".join(taken)
