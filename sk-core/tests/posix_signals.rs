@@ -33,9 +33,10 @@ fn posix_signals_arrive_as_a_signal_of_the_app() {
         app.pulse();
         raise(Posix::SIGINT).unwrap();
         raise(Posix::SIGTERM).unwrap();
+        raise(Posix::SIGHUP).unwrap();
         assert_eq!(app.run(), Run::Quit);
-        // Two signals that wait together come in the kernel's order: that of their numbers.
-        assert_eq!(log.take(), ["Interrupt", "Terminate"], "{mode:?}");
+        // Signals that wait together come in the kernel's order: that of their numbers.
+        assert_eq!(log.take(), ["HangUp", "Interrupt", "Terminate"], "{mode:?}");
     }
 }
 

@@ -1,21 +1,20 @@
 //! A hub: a server, its addresses, and its modules.
 
+use crate::config::{Config, ModuleConfig, TcpAddress};
 use crate::owner::{self, TokenFileError};
 use crate::places::{Places, PlacesError};
 use sk_core::flow::server::Settings;
-use sk_core::flow::{Flow, HubAddress, Rights, SkFlowSat, SkFlowServer};
-use sk_core::module::{AbstractModule, AnyRunner, Modules, RestartPolicy, Runner};
+use sk_core::flow::{HubAddress, Rights, SkFlowSat, SkFlowServer};
+use sk_core::module::{AbstractModule, ModuleClass, ModuleError, ModuleSupervisor, Modules, ThreadedModule};
 use sk_core::object::NameError;
 use sk_core::prelude::*;
 use sk_flat::Name;
 use std::io::{self, ErrorKind};
-use std::net::SocketAddr;
+use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4};
 use std::path::{Path, PathBuf};
 
-/// The account that owns the hub unless told otherwise; its name begins its channels' names.
-pub const ACCOUNT_DEFAULT: &str = "robot";
 /// Where the hub listens for TCP unless told otherwise.
-pub const TCP_DEFAULT: &str = "127.0.0.1:4141";
+pub const TCP_DEFAULT: SocketAddr = SocketAddr::V4(SocketAddrV4::new(Ipv4Addr::LOCALHOST, 4141));
 
 /// A hub that runs on a loop. Dropping this value does not stop it: [`stop`](Hub::stop) does, or the end of
 /// the loop.
@@ -24,7 +23,8 @@ pub struct Hub {
     pub server: Handle<SkFlowServer>,
     /// The modules.
     pub modules: Handle<Modules>,
-    satellites: Vec<Handle<SkFlowSat>>,
+    pub(crate) config: Config,
+    ender: Handle<Ender>,
     addresses: Vec<HubAddress>,
     places: Places,
     failures: Vec<(String, String)>,
@@ -45,17 +45,10 @@ pub struct Hub {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub struct HubBuilder {
-    account: String,
+    config: Config,
+    /// As it was given: a path need not be text.
     state_dir: Option<PathBuf>,
-    tcp: Option<SocketAddr>,
-    unix: bool,
-    modules: Vec<Entry>,
-}
-
-/// A module that is to be added.
-struct Entry {
-    name: &'static str,
-    runner: fn(Flow) -> Box<dyn AnyRunner>,
+    classes: Vec<ModuleClass>,
 }
 
 /// Why a hub could not be started.
@@ -73,7 +66,7 @@ pub enum HubError {
     Taken {
         /// Where.
         address: HubAddress,
-        /// Which option chooses another.
+        /// What chooses another.
         option: &'static str,
     },
     /// It cannot listen.
@@ -91,6 +84,9 @@ pub enum HubError {
     /// A module's name cannot be or is given twice.
     #[error("module {0}: {1}")]
     Module(&'static str, #[source] NameError),
+    /// A module's parameters cannot be.
+    #[error("module {0}: {1}")]
+    Parameters(&'static str, #[source] ModuleError),
     /// A link inside the process could not be made.
     #[error("a module cannot be linked to the hub: {0}")]
     Link(#[source] io::Error),
@@ -99,7 +95,7 @@ pub enum HubError {
 impl HubBuilder {
     /// The account that owns the hub: its name begins its channels' names. Letters, digits, `_` and `-`.
     pub fn account(mut self, account: &str) -> Self {
-        self.account = account.to_owned();
+        self.config.hub.account = account.to_owned();
         self
     }
 
@@ -109,40 +105,85 @@ impl HubBuilder {
         self
     }
 
-    /// Where to listen for TCP; port 0 takes any free one. The default is loopback only.
+    /// Where to listen for TCP, and nowhere else; port 0 takes any free one. The default is loopback only.
     pub fn tcp(mut self, at: SocketAddr) -> Self {
-        self.tcp = Some(at);
+        self.config.listen.tcp = vec![TcpAddress(at)];
         self
     }
 
     /// Does not listen for TCP.
     pub fn no_tcp(mut self) -> Self {
-        self.tcp = None;
+        self.config.listen.tcp.clear();
         self
     }
 
     /// Does not listen on a Unix socket.
     pub fn no_unix(mut self) -> Self {
-        self.unix = false;
+        self.config.listen.unix = false;
         self
     }
 
-    /// Adds a module of one's own, with its default parameters. It lives on the hub's loop.
+    /// Adds a module of one's own, with its default parameters, on the hub's loop. [`configure`] and
+    /// [`change_module`] say otherwise.
+    ///
+    /// [`configure`]: HubBuilder::configure
+    /// [`change_module`]: HubBuilder::change_module
     pub fn module<M: AbstractModule>(mut self) -> Self {
-        let runner = |flow| Runner::<M>::new(flow, M::Parameters::default()).into();
-        self.modules.push(Entry { name: M::NAME, runner });
+        let class = ModuleClass::of::<M>();
+        self.config
+            .modules
+            .entry(class.name().to_owned())
+            .or_insert_with(|| ModuleConfig::new(&class));
+        self.classes.push(class);
         self
     }
 
     /// Leaves a module out that was added before.
     pub fn without(mut self, name: &str) -> Self {
-        self.modules.retain(|module| module.name != name);
+        self.classes.retain(|class| class.name() != name);
+        self.config.modules.remove(name);
+        self
+    }
+
+    /// Changes what is configured of a module that was added before: its parameters, its thread, its restarts.
+    ///
+    /// ```
+    /// use sk_robot::config::{LoopMode, ThreadSection};
+    /// use sk_robot::{Hub, registry};
+    ///
+    /// let hub = registry::builtin(Hub::builder()).change_module("host", |host| {
+    ///     host.thread = Some(ThreadSection { mode: LoopMode::Coarse, interval_us: 50_000 });
+    /// });
+    /// # let _ = hub;
+    /// ```
+    pub fn change_module(mut self, name: &str, change: impl FnOnce(&mut ModuleConfig)) -> Self {
+        if let Some(module) = self.config.modules.get_mut(name) {
+            change(module);
+        }
+        self
+    }
+
+    /// Takes a whole configuration over; of modules that were not added it takes nothing. A state folder that was
+    /// given by [`state_dir`](HubBuilder::state_dir) stays.
+    pub fn configure(mut self, config: &Config) -> Self {
+        let mut modules = std::mem::take(&mut self.config.modules);
+        for (name, module) in &mut modules {
+            if let Some(configured) = config.modules.get(name) {
+                module.clone_from(configured);
+            }
+        }
+        self.config = Config { modules, ..config.clone() };
         self
     }
 
     /// The names of the modules that will be added.
     pub fn module_names(&self) -> impl Iterator<Item = &'static str> {
-        self.modules.iter().map(|module| module.name)
+        self.classes.iter().map(ModuleClass::name)
+    }
+
+    /// The classes of the modules that will be added: what a configuration is read for.
+    pub fn classes(&self) -> Vec<ModuleClass> {
+        self.classes.clone()
     }
 
     /// Starts the hub on this loop: makes the owner's token at first start, listens, and starts the modules.
@@ -152,60 +193,136 @@ impl HubBuilder {
     /// # Errors
     /// If the hub has no place for its files, cannot listen, or a module's name is given twice.
     pub fn start(self, cx: &mut Cx) -> Result<Hub, HubError> {
-        let refused = |error| HubError::Account(self.account.clone(), error);
-        let account: Name = self.account.parse().map_err(refused)?;
+        let HubBuilder { config, state_dir, classes } = self;
+        let refused = |error| HubError::Account(config.hub.account.clone(), error);
+        let account: Name = config.hub.account.parse().map_err(refused)?;
         // The account stands before the first dot of its channels' names, so it cannot have one.
         Name::compose(&account, &account).map_err(refused)?;
-        let places = Places::find(self.state_dir.as_deref())?;
+        let configured = config.hub.state_dir.as_deref().map(Path::new);
+        let places = Places::find(state_dir.as_deref().or(configured))?;
         let token = owner::read_or_make(cx.world(), &places)?;
         // Programs of the user whose files these are may come in without a token.
         let owner_uid = cx.world().storage.owner_and_mode(places.state()).ok().map(|(owner, _)| owner);
         let server = SkFlowServer::start(cx, Settings { user: account, token: Some(token), owner_uid });
-        let unix = self.unix.then(|| (places.address(), "--state-dir"));
-        let tcp = self.tcp.map(|at| (HubAddress::Tcp(at), "--tcp"));
-        let mut addresses = Vec::new();
-        for (address, option) in [unix, tcp].into_iter().flatten() {
-            match server.listen(cx, &address) {
-                Ok(local) => addresses.push(local),
-                Err(error) => {
-                    cx.destroy_later(server);
-                    return Err(match error.kind() {
-                        ErrorKind::AddrInUse => HubError::Taken { address, option },
-                        _ => HubError::Listen { address, error },
-                    });
-                }
+        let addresses = match listen(cx, server, &config, &places) {
+            Ok(addresses) => addresses,
+            Err(error) => {
+                cx.destroy_later(server);
+                return Err(error);
             }
-        }
+        };
         let modules = Modules::spawn(cx);
-        let mut satellites = Vec::new();
-        for module in &self.modules {
-            let pipe = server.pipe(cx, Rights::ALL).map_err(HubError::Link)?;
-            let satellite = SkFlowSat::inside(cx, pipe);
-            satellites.push(satellite);
-            let flow = satellite.flow(module.name);
-            modules
-                .add(cx, (module.runner)(flow), RestartPolicy::default())
-                .map_err(|error| HubError::Module(module.name, error))?;
+        let ender = cx.spawn_with(|cx, this: Handle<Ender>| {
+            attach!(cx, modules.stopped => this.on_stopped);
+            Ender { server, modules, satellites: Vec::new() }
+        });
+        for class in &classes {
+            if let Some(module) = config.modules.get(class.name()) {
+                let satellite = add(cx, server, modules, *class, module)?;
+                // It was made just now.
+                let _ = cx.with(ender, |ender, _| ender.satellites.extend(satellite));
+            }
         }
         let failed = modules.start(cx);
         let failures = failed
             .into_iter()
             .map(|(at, why)| (cx.name_of(at).unwrap_or("?").to_owned(), why))
             .collect();
-        Ok(Hub { server, modules, satellites, addresses, places, failures })
+        Ok(Hub { server, modules, config, ender, addresses, places, failures })
+    }
+}
+
+fn listen(
+    cx: &mut Cx,
+    server: Handle<SkFlowServer>,
+    config: &Config,
+    places: &Places,
+) -> Result<Vec<HubAddress>, HubError> {
+    let unix = config.listen.unix.then(|| (places.address(), "--state-dir (`state_dir`)"));
+    let tcp = config
+        .listen
+        .tcp
+        .iter()
+        .map(|at| (HubAddress::Tcp(at.0), "--tcp (`listen.tcp`)"));
+    let mut addresses = Vec::new();
+    for (address, option) in unix.into_iter().chain(tcp) {
+        let local = server.listen(cx, &address).map_err(|error| match error.kind() {
+            ErrorKind::AddrInUse => HubError::Taken { address, option },
+            _ => HubError::Listen { address, error },
+        })?;
+        addresses.push(local);
+    }
+    Ok(addresses)
+}
+
+/// Adds one module, on this loop or on a thread. On this loop it has a satellite, which is answered.
+fn add(
+    cx: &mut Cx,
+    server: Handle<SkFlowServer>,
+    modules: Handle<Modules>,
+    class: ModuleClass,
+    config: &ModuleConfig,
+) -> Result<Option<Handle<SkFlowSat>>, HubError> {
+    let name = class.name();
+    let refused = |error| HubError::Module(name, error);
+    let policy = config.restart.policy();
+    if let Some(thread) = &config.thread {
+        let link = move |cx: &mut Cx| server.pipe(cx, Rights::ALL);
+        let module = ThreadedModule::new(class, thread.place(), link)
+            .configured(&config.parameters)
+            .map_err(|error| HubError::Parameters(name, error.into()))?;
+        let added = match config.enabled {
+            true => modules.add_on_thread(cx, module, policy),
+            false => modules.add_on_thread_stopped(cx, module, policy),
+        };
+        added.map_err(refused)?;
+        return Ok(None);
+    }
+    let pipe = server.pipe(cx, Rights::ALL).map_err(HubError::Link)?;
+    let satellite = SkFlowSat::inside(cx, pipe);
+    let runner = class
+        .runner(name, satellite.flow(name), &config.parameters)
+        .map_err(|error| HubError::Parameters(name, error))?;
+    let added = match config.enabled {
+        true => modules.add(cx, runner, policy),
+        false => modules.add_stopped(cx, runner, policy),
+    };
+    added.map_err(refused)?;
+    Ok(Some(satellite))
+}
+
+/// What is left to do when the modules have stopped.
+struct Ender {
+    server: Handle<SkFlowServer>,
+    modules: Handle<Modules>,
+    satellites: Vec<Handle<SkFlowSat>>,
+}
+
+object! { Ender { slots { on_stopped() } } }
+
+impl Ender {
+    /// The links of the modules go, with their last words, and then the server.
+    fn on_stopped(&mut self, cx: &mut Cx) {
+        cx.destroy_later(self.modules);
+        for satellite in self.satellites.drain(..) {
+            cx.destroy_later(satellite);
+        }
+        if self.server.shut_down(cx).is_err() {
+            // It is gone: its burial is what the program waits for.
+            cx.destroy_later(self.server);
+        }
     }
 }
 
 impl Hub {
     /// A hub without modules; the default account, loopback TCP and a Unix socket.
     pub fn builder() -> HubBuilder {
-        HubBuilder {
-            account: ACCOUNT_DEFAULT.to_owned(),
-            state_dir: None,
-            tcp: TCP_DEFAULT.parse().ok(),
-            unix: true,
-            modules: Vec::new(),
-        }
+        HubBuilder { config: Config::new(&[]), state_dir: None, classes: Vec::new() }
+    }
+
+    /// What it was started with, and what was changed since.
+    pub fn config(&self) -> &Config {
+        &self.config
     }
 
     /// Where it listens.
@@ -218,26 +335,28 @@ impl Hub {
         &self.places
     }
 
-    /// The modules that did not start, with the reason.
+    /// The modules that did not start, with the reason. Those on threads start later and tell by their state.
     pub fn failures(&self) -> &[(String, String)] {
         &self.failures
     }
 
-    /// Begins to stop it: modules in reverse order, then their links, whose last words go out, then the server,
-    /// which tells everybody. The loop must go on pulsing until the server emits
-    /// [`ended`](SkFlowServer::ended); that takes some rounds, and two and a half seconds at most. Answers `false`
-    /// if the server is gone already, so that nothing will be emitted.
+    /// A module, to be asked, told, stopped and started.
+    pub fn module(&self, cx: &mut Cx, name: &str) -> Option<Handle<ModuleSupervisor>> {
+        self.modules.find(cx, name)
+    }
+
+    /// Begins to stop it: modules in reverse order, each when its successor has stopped; then their links, whose
+    /// last words go out; then the server, which tells everybody. The loop must go on pulsing until the server
+    /// emits [`ended`](SkFlowServer::ended). A module on a thread that does not end in time is left behind; else
+    /// it takes some rounds, and two and a half seconds at most. Answers `false` if the server is gone already,
+    /// so that nothing will be emitted.
     pub fn stop(&self, cx: &mut Cx) -> bool {
-        self.modules.stop(cx);
-        cx.destroy_later(self.modules);
-        for satellite in &self.satellites {
-            cx.destroy_later(*satellite);
+        if cx.is_alive(self.modules) {
+            self.modules.stop(cx);
+        } else {
+            // Somebody destroyed them, so they have stopped.
+            let _ = cx.with(self.ender, |ender, cx| ender.on_stopped(cx));
         }
-        let ending = self.server.shut_down(cx).is_ok();
-        if !ending {
-            // It has died before, or this is one of its own slots: the end of the loop does the rest.
-            cx.destroy_later(self.server);
-        }
-        ending
+        cx.is_alive(self.server)
     }
 }

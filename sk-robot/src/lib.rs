@@ -40,11 +40,15 @@
 //! ```
 #![forbid(unsafe_code)]
 
+pub mod config;
 pub mod hub;
 pub mod logging;
+pub mod notify;
 pub mod owner;
 pub mod places;
 pub mod registry;
+mod reload;
+pub mod supervise;
 
 pub use hub::{Hub, HubBuilder, HubError};
 

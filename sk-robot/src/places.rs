@@ -1,6 +1,7 @@
 //! Where a hub keeps its files, and where it is reached.
 
 use sk_core::flow::HubAddress;
+use sk_core::world::Storage;
 use std::env;
 use std::path::{Path, PathBuf};
 
@@ -32,6 +33,43 @@ pub enum PlacesError {
         /// The state folder.
         state: String,
     },
+    /// The folder is somebody else's.
+    #[error(
+        "the state folder {state} belongs to user id {owner} and this hub runs as user id {uid}: choose another --state-dir, or run the hub as its owner"
+    )]
+    NotOurs {
+        /// The state folder.
+        state: String,
+        /// Whose it is.
+        owner: u32,
+        /// Who we are.
+        uid: u32,
+    },
+    /// Others could put files of theirs in the place of the hub's.
+    #[error(
+        "others may write to the state folder {state} (its mode is {mode:03o}): `chmod go-w` it, or choose another --state-dir"
+    )]
+    Open {
+        /// The state folder.
+        state: String,
+        /// Its permission bits.
+        mode: u32,
+    },
+}
+
+/// The file in which the configuration stands unless told otherwise: `$SKROBOT_CONFIG`, which must exist then; else
+/// `skrobot/skrobot.json` in `$XDG_CONFIG_HOME` or `~/.config`. Answers whether it must exist.
+pub fn config_file() -> Option<(PathBuf, bool)> {
+    if let Some(file) = env::var_os("SKROBOT_CONFIG").filter(|file| !file.is_empty()) {
+        return Some((file.into(), true));
+    }
+    let folder = absolute("XDG_CONFIG_HOME").or_else(|| absolute("HOME").map(|home| home.join(".config")))?;
+    Some((folder.join("skrobot/skrobot.json"), false))
+}
+
+/// A folder named by a variable; one that is not absolute is as if it were not set.
+fn absolute(name: &str) -> Option<PathBuf> {
+    env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute())
 }
 
 impl Places {
@@ -41,7 +79,6 @@ impl Places {
     /// # Errors
     /// If no variable says where, or the path is too long for a socket.
     pub fn find(state: Option<&Path>) -> Result<Places, PlacesError> {
-        let absolute = |name: &str| env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
         let state = match state {
             Some(state) => env::current_dir().map_or_else(|_| state.to_owned(), |here| here.join(state)),
             None => match absolute("SKROBOT_STATE_DIR") {
@@ -58,6 +95,24 @@ impl Places {
             return Err(PlacesError::TooLong { length, state: places.state.display().to_string() });
         }
         Ok(places)
+    }
+
+    /// Refuses a state folder that is there and is not this user's alone: whoever may write to it could put a socket
+    /// or a token of his in the place of the hub's.
+    ///
+    /// # Errors
+    /// It belongs to another user, or others may write to it.
+    pub fn check_owner(&self, storage: &dyn Storage, uid: u32) -> Result<(), PlacesError> {
+        // One that is missing will be made, and is ours then; one that cannot be looked at shows when it is used.
+        let Ok((owner, mode)) = storage.owner_and_mode(&self.state) else { return Ok(()) };
+        let state = self.state.display().to_string();
+        if owner != uid {
+            return Err(PlacesError::NotOurs { state, owner, uid });
+        }
+        if mode & 0o022 != 0 {
+            return Err(PlacesError::Open { state, mode: mode & 0o777 });
+        }
+        Ok(())
     }
 
     /// The folder of everything; mode 0700.

@@ -1,96 +1,12 @@
 //! The hub and its tool as a user meets them: real processes, real sockets.
 
+mod program;
+
+use program::{Hub, new_folder, sk, text};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
-use std::sync::atomic::{AtomicU32, Ordering};
-
-/// A hub process with a state folder of its own, ended and cleaned away at the end of a test.
-struct Hub {
-    process: Child,
-    lines: BufReader<std::process::ChildStdout>,
-    folder: PathBuf,
-    greeting: Vec<String>,
-}
-
-fn new_folder() -> PathBuf {
-    static NUMBER: AtomicU32 = AtomicU32::new(0);
-    let number = NUMBER.fetch_add(1, Ordering::Relaxed);
-    std::env::temp_dir().join(format!("skrobot-test-{}-{number}", std::process::id()))
-}
-
-impl Hub {
-    fn start() -> Hub {
-        Hub::start_in(new_folder(), &["--tcp", "127.0.0.1:0"])
-    }
-
-    fn start_in(folder: PathBuf, options: &[&str]) -> Hub {
-        let mut process = Command::new(env!("CARGO_BIN_EXE_skrobot"))
-            .arg("--state-dir")
-            .arg(&folder)
-            .args(options)
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let mut lines = BufReader::new(process.stdout.take().unwrap());
-        let mut greeting = Vec::new();
-        while !greeting.last().is_some_and(|line: &String| line.contains("Ctrl-C")) {
-            let mut line = String::new();
-            assert_ne!(lines.read_line(&mut line).unwrap(), 0, "the hub ended: {greeting:?}");
-            greeting.push(line.trim().to_owned());
-        }
-        Hub { process, lines, folder, greeting }
-    }
-
-    fn sk(&self, arguments: &[&str]) -> Output {
-        sk(&self.folder, arguments)
-    }
-
-    fn tcp(&self) -> String {
-        let line = self
-            .greeting
-            .iter()
-            .find_map(|line| line.split_once("tcp:"))
-            .expect("it listens for TCP")
-            .1;
-        line.split_whitespace().next().unwrap().to_owned()
-    }
-
-    fn signal(&self, signal: nix::sys::signal::Signal) {
-        nix::sys::signal::kill(nix::unistd::Pid::from_raw(self.process.id() as i32), signal).unwrap();
-    }
-
-    /// Ctrl-C, and what it said until its end.
-    fn end(mut self) -> (bool, String, String) {
-        self.signal(nix::sys::signal::Signal::SIGINT);
-        let (mut out, mut log) = (String::new(), String::new());
-        self.lines.read_to_string(&mut out).unwrap();
-        self.process.stderr.take().unwrap().read_to_string(&mut log).unwrap();
-        let status = self.process.wait().unwrap();
-        (status.success(), out, log)
-    }
-}
-
-impl Drop for Hub {
-    fn drop(&mut self) {
-        // One that has ended already cannot be killed; its folder goes all the same.
-        let _ = self.process.kill();
-        let _ = self.process.wait();
-        let _ = std::fs::remove_dir_all(&self.folder);
-    }
-}
-
-fn sk(folder: &Path, arguments: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_sk"));
-    command.arg("--state-dir").arg(folder).args(arguments);
-    command.env_remove("SKROBOT_HUB").output().unwrap()
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8(bytes.to_vec()).unwrap()
-}
+use std::path::Path;
+use std::process::{Command, Stdio};
 
 #[test]
 fn the_hub_says_where_it_listens_what_pulses_and_what_to_type() {
@@ -256,7 +172,7 @@ fn a_module_can_be_left_out_and_a_wrong_name_is_an_error() {
         .args(["--without", "hots"])
         .output()
         .unwrap();
-    assert!(text(&refused.stderr).contains("there are host"), "{}", text(&refused.stderr));
+    assert!(text(&refused.stderr).contains("did you mean `host`?"), "{}", text(&refused.stderr));
 }
 
 #[test]

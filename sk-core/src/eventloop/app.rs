@@ -93,7 +93,7 @@ impl SkApp {
         &mut self.cx
     }
 
-    /// Pulses until `quit` is called, or until SIGINT or SIGTERM come and nobody listens to
+    /// Pulses until `quit` is called, or until SIGINT, SIGTERM or SIGHUP come and nobody listens to
     /// [`os_signal`](crate::SkEventLoop::os_signal). Returns at once if `quit` was called before. Can be called
     /// again; but after such a signal the next one ends the process at once, as if there were no loop.
     pub fn run(&mut self) -> Run {
@@ -195,7 +195,7 @@ impl SkAppBuilder {
         self
     }
 
-    /// Makes the application. From now on SIGINT and SIGTERM are blocked for this thread and those it
+    /// Makes the application. From now on SIGINT, SIGTERM and SIGHUP are blocked for this thread and those it
     /// starts, and are heard by the loop instead; so make it before any other thread.
     ///
     /// # Errors

@@ -144,7 +144,7 @@ impl Cx {
         }
         // Arguments and work hold what users made: each is dropped with a guard of its own.
         let queue = std::mem::take(&mut self.queue);
-        self.drop_each(queue);
+        self.drop_each(queue.into_tokens());
         self.inbox.clear();
         let remote_calls = std::mem::take(&mut self.remote_calls);
         self.drop_each(remote_calls);

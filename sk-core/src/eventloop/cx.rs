@@ -2,7 +2,7 @@
 
 use crate::eventloop::dispatch::{DIRECT_DEPTH_MAX, Frame};
 use crate::eventloop::poll::Sources;
-use crate::eventloop::queue::{RemoteCall, Token};
+use crate::eventloop::queue::{CallQueue, RemoteCall};
 use crate::eventloop::sk_event_loop::News;
 use crate::eventloop::stats::Measures;
 use crate::eventloop::timer::TimerHeap;
@@ -34,7 +34,7 @@ pub struct Cx {
     pub(crate) depth_max: usize,
     pub(crate) chain: [Frame; Frame::ROOM],
     pub(crate) counters: Counters,
-    pub(crate) queue: VecDeque<Token>,
+    pub(crate) queue: CallQueue,
     pub(crate) table: Table,
     pub(crate) pulse: Pulse,
 
@@ -102,7 +102,7 @@ impl Cx {
             depth_max: DIRECT_DEPTH_MAX,
             chain: [Frame::NOBODY; Frame::ROOM],
             counters: Counters::default(),
-            queue: VecDeque::new(),
+            queue: CallQueue::default(),
             table: Table::new(),
             pulse: Pulse::first(now, settings.interval),
             rewires: VecDeque::new(),
@@ -266,10 +266,9 @@ impl Cx {
         let any: Rc<dyn Any> = node.clone();
         let answer = match any.downcast::<Node<T>>() {
             Ok(node) => {
-                let mut lease = node.value.try_borrow_mut().map_err(|_| Access::Busy)?;
-                let object = lease.as_mut().ok_or(Access::Gone)?;
+                let mut object = node.access()?;
                 self.enter_access(handle.id());
-                Ok(f(object, self))
+                Ok(f(&mut object, self))
             }
             Err(_) => self.with_base(handle, &*node, f),
         };

@@ -1,7 +1,6 @@
 //! Calls from the loop's side: who is running, guards against panics, calls that wait for a busy object.
 
 use crate::Cx;
-use crate::eventloop::queue::Token;
 use crate::eventloop::sk_event_loop::{Culprit, News};
 use crate::eventloop::{AfterFailure, Failure, Reason};
 use crate::object::{AnyNode, DEFERRED, DRAINING, Handle, Header, ObjectId, SkObject, TO_SWEEP, WAITING};
@@ -29,17 +28,23 @@ pub(crate) fn note_skipped(slots: usize) {
     SKIPPED.set(SKIPPED.get() + slots as u64);
 }
 
-/// One level of nested calls: whose slot runs.
+/// One level of nested calls: whose slot runs. 16 bytes, as every call writes one: the object is of this loop,
+/// so the loop's number is left out.
 #[derive(Clone, Copy)]
 pub(crate) struct Frame {
-    object: ObjectId,
+    index: u32,
+    generation: u32,
     slot: Option<&'static SlotMeta>,
 }
 
 impl Frame {
     /// Twice the depth limit, so that an index can be masked instead of checked.
     pub(crate) const ROOM: usize = (DIRECT_DEPTH_MAX * 2).next_power_of_two();
-    pub(crate) const NOBODY: Frame = Frame { object: ObjectId::NOBODY, slot: None };
+    pub(crate) const NOBODY: Frame = Frame::access(ObjectId::NOBODY);
+
+    const fn access(object: ObjectId) -> Frame {
+        Frame { index: object.index, generation: object.generation, slot: None }
+    }
 }
 
 /// Times single calls, for one second after a step was too long, to find the culprit.
@@ -73,29 +78,34 @@ pub(crate) struct LogBudget {
 impl Cx {
     #[inline(always)]
     pub(crate) fn enter(&mut self, object: ObjectId, slot: &'static SlotMeta) {
-        let frame = &mut self.chain[self.depth & (Frame::ROOM - 1)];
-        frame.object = object;
-        frame.slot = Some(slot);
+        self.restore_chain_top(Frame { slot: Some(slot), ..Frame::access(object) });
+    }
+
+    /// An access that is not a slot call.
+    pub(crate) fn enter_access(&mut self, object: ObjectId) {
+        self.restore_chain_top(Frame::access(object));
     }
 
     /// The object whose slot runs.
     pub(crate) fn running(&self) -> ObjectId {
-        self.chain_top().object
+        self.object_of(&self.chain_top())
+    }
+
+    fn object_of(&self, frame: &Frame) -> ObjectId {
+        if frame.index == ObjectId::NOBODY.index {
+            return ObjectId::NOBODY;
+        }
+        let loop_number = self.table.loop_number();
+        ObjectId { loop_number, index: frame.index, generation: frame.generation }
     }
 
     pub(crate) fn chain_top(&self) -> Frame {
         self.chain[self.depth & (Frame::ROOM - 1)]
     }
 
+    #[inline(always)]
     pub(crate) fn restore_chain_top(&mut self, frame: Frame) {
         self.chain[self.depth & (Frame::ROOM - 1)] = frame;
-    }
-
-    /// An access that is not a slot call.
-    pub(crate) fn enter_access(&mut self, object: ObjectId) {
-        let frame = &mut self.chain[self.depth & (Frame::ROOM - 1)];
-        frame.object = object;
-        frame.slot = None;
     }
 
     pub(crate) fn is_too_deep(&self) -> bool {
@@ -104,7 +114,7 @@ impl Cx {
 
     /// The signal being emitted has a link that is spent or dead: sweep it at the next rewire.
     pub(crate) fn note_dead_link(&mut self) {
-        let emitter = self.chain[self.depth.saturating_sub(1) & (Frame::ROOM - 1)].object;
+        let emitter = self.object_of(&self.chain[self.depth.saturating_sub(1) & (Frame::ROOM - 1)]);
         if let Some(node) = self.table.node(emitter)
             && !node.header().has(TO_SWEEP)
         {
@@ -177,7 +187,7 @@ impl Cx {
         header.unset(DRAINING);
         if self.parked.get(&index).is_some_and(|waiting| !waiting.is_empty()) {
             header.set(DEFERRED);
-            self.queue.push_back(Token::Drain(header.id));
+            self.queue.push_drain(header.id);
         } else {
             self.parked.remove(&index);
             header.unset(WAITING);
@@ -198,6 +208,16 @@ impl Cx {
         if self.trace.is_some() {
             self.trace_dispatch();
         }
+        self.nobody_runs();
+    }
+
+    /// Whether every dispatch is looked at by itself: timed or traced.
+    pub(crate) fn is_observed(&self) -> bool {
+        self.timing.on || self.trace.is_some()
+    }
+
+    /// A dispatch has ended.
+    pub(crate) fn nobody_runs(&mut self) {
         self.restore_chain_top(Frame::NOBODY);
     }
 
@@ -252,12 +272,16 @@ impl Cx {
         header.unset(DRAINING);
         if header.has(WAITING) && !header.has(DEFERRED) {
             header.set(DEFERRED);
-            self.queue.push_back(Token::Drain(id));
+            self.queue.push_drain(id);
         }
     }
 
     fn frame_name(&self, frame: &Frame) -> String {
-        format!("{}.{}", self.path_of(frame.object), frame.slot.map_or("(access)", |slot| slot.name))
+        format!(
+            "{}.{}",
+            self.path_of(self.object_of(frame)),
+            frame.slot.map_or("(access)", |slot| slot.name)
+        )
     }
 
     /// A slot answered `Err`.
@@ -271,11 +295,12 @@ impl Cx {
     fn record_failure(&mut self, frame: Frame, message: String, panic: Option<(Vec<String>, u64)>) {
         self.counters.failures += 1;
         let panicked = panic.is_some();
+        let object = self.object_of(&frame);
         let (chain, skipped) = panic.unwrap_or_default();
         let failure = Failure {
-            object: frame.object,
-            path: self.path_of(frame.object),
-            class: self.class_of(frame.object).map_or("(nobody)", |class| class.name),
+            object,
+            path: self.path_of(object),
+            class: self.class_of(object).map_or("(nobody)", |class| class.name),
             slot: frame.slot.map_or("(access)", |slot| slot.name),
             message,
             panicked,
@@ -295,7 +320,7 @@ impl Cx {
         }
         match if panicked { self.settings.after_panic } else { self.settings.after_error } {
             AfterFailure::GoOn => {}
-            AfterFailure::Destroy => self.mark(frame.object, Reason::Failed),
+            AfterFailure::Destroy => self.mark(object, Reason::Failed),
             AfterFailure::Stop => self.quit(),
         }
     }
@@ -365,8 +390,7 @@ impl Cx {
         let frame = self.chain[(self.depth + 1).min(Frame::ROOM - 1)];
         let top = self.chain_top();
         if let Some(trace) = &self.trace {
-            let object =
-                |frame: &Frame| u64::from(frame.object.index) << 32 | u64::from(frame.object.generation);
+            let object = |frame: &Frame| u64::from(frame.index) << 32 | u64::from(frame.generation);
             let slot = |frame: &Frame| frame.slot.map_or(0, |slot| slot.uid);
             trace.call(object(&top), slot(&top), self.counters.queued_calls);
             trace.call(object(&frame), slot(&frame), self.counters.messages);
@@ -412,7 +436,7 @@ impl Cx {
         if let Some(slot) = frame.slot
             && self.timing.slowest.is_none_or(|(slowest, ..)| own > slowest)
         {
-            self.timing.slowest = Some((own, frame.object, slot));
+            self.timing.slowest = Some((own, self.object_of(&frame), slot));
         }
     }
 

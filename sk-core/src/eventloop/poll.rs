@@ -181,6 +181,15 @@ impl Cx {
         }
     }
 
+    /// The source goes to another object that serves it in its own way.
+    #[cfg(feature = "http")]
+    pub(crate) fn pass_source(&mut self, token: Token, owner: ObjectId, dispatch: Dispatch) {
+        self.give_source(token, owner);
+        if let Some(source) = self.sources.get_mut(token) {
+            source.dispatch = dispatch;
+        }
+    }
+
     /// The object has something to write in step 7. Call it once per round and object.
     pub(crate) fn write_later(&mut self, owner: ObjectId, flush: Flush) {
         self.sources.dirty.push_back((owner, flush));

@@ -20,7 +20,7 @@ pub struct SkEventLoop {
     pub mailbox_full: Signal<()>,
     /// An object of this loop was buried.
     pub buried: Signal<(ObjectId, Reason)>,
-    /// The operating system sent SIGINT or SIGTERM. Only the application's main loop hears these. If nobody
+    /// The operating system sent SIGINT, SIGTERM or SIGHUP. Only the application's main loop hears these. If nobody
     /// listens, the application ends.
     pub os_signal: Signal<OsSignal>,
     /// A request by name that was sent to another thread was refused there: the answer to

@@ -140,6 +140,12 @@ impl<T> Default for Registry<T> {
 }
 
 impl<T> Registry<T> {
+    /// Gives flows no other fresh identifiers than these; those that are reserved for the hub stay its own.
+    pub fn narrow(&mut self, ids: std::ops::Range<u16>) {
+        let (reserved, all) = (CHANNELS_RESERVED_FOR_HUB as u16, CHANNELS_MAX as u16);
+        self.for_flows.fresh = ids.start.max(reserved)..ids.end.min(all);
+    }
+
     /// Opens a channel under its full name.
     ///
     /// # Errors

@@ -132,7 +132,7 @@ codes! {
         TooManySubscriptions = 7,
         /// The hub has no free channel.
         NoFreeChannel = 8,
-        /// The unfinished messages of this connection hold as many bytes as they may.
+        /// The unfinished messages of a connection hold, or those that wait for it, as many bytes as they may.
         Full = 9,
         /// The properties are not a map.
         BadProperties = 10,
@@ -148,7 +148,7 @@ codes! {
         NoAnswer = 15,
         /// The owner of the service will not answer.
         Declined = 16,
-        /// The connection, or the owner of the service, has as many open requests as it may.
+        /// The connection, or the owner of the service, has as many open requests, or bytes of them, as it may.
         TooManyRequests = 17,
         /// No message was published yet.
         NothingYet = 18,
@@ -170,7 +170,7 @@ codes! {
         DatabaseFull = 26,
         /// The account has as many databases as it may.
         TooManyDatabases = 27,
-        /// The value is too long as JSON: ask for it as a variant.
+        /// The value is too long as JSON: ask for it as a variant. Or a message is longer than its receiver takes.
         TooLong = 28,
         /// The flow has as many watches as it may.
         TooManyWatches = 29,

@@ -4,7 +4,7 @@ use super::codec::ChannelRef;
 use super::error::ProtocolError;
 use super::frame::Flags;
 use super::limits::{ITEM_OVERHEAD_BYTES, SHARED_PAYLOAD_BYTES_MIN, UNFINISHED_BYTES_MAX};
-use bytes::Bytes;
+use bytes::{Bytes, BytesMut};
 use rustc_hash::FxHashMap;
 use smallvec::{SmallVec, smallvec};
 
@@ -176,6 +176,16 @@ impl<K: Copy + Eq + std::hash::Hash> Gathering<K> {
 /// A payload that does not keep a much larger buffer alive.
 pub fn owned_if_small(payload: Bytes) -> Bytes {
     if payload.len() < SHARED_PAYLOAD_BYTES_MIN { Bytes::copy_from_slice(&payload) } else { payload }
+}
+
+/// The whole message; the one piece of most messages is handed on as it is.
+pub fn joined(mut pieces: Pieces) -> Bytes {
+    if pieces.len() == 1 {
+        return std::mem::take(&mut pieces[0]);
+    }
+    let mut whole = BytesMut::with_capacity(pieces.iter().map(Bytes::len).sum());
+    pieces.iter().for_each(|piece| whole.extend_from_slice(piece));
+    whole.freeze()
 }
 
 #[cfg(test)]

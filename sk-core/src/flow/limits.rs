@@ -41,6 +41,15 @@ pub const SUBSCRIPTION_DEPTH_DEFAULT: u16 = 64;
 /// How many whole messages a subscription may ask to keep.
 pub const SUBSCRIPTION_DEPTH_MAX: u16 = 1_024;
 
+/// How many requests one connection may have open at services, those it is still sending included.
+pub const REQUESTS_PER_ASKER_MAX: usize = 64;
+/// How many open requests the services of one owner may have together; a hub's own services too.
+pub const REQUESTS_PER_OWNER_MAX: usize = 1_024;
+/// How long an answer may take if the call does not say otherwise.
+pub const DEADLINE_DEFAULT: Duration = Duration::from_secs(5);
+/// How long an answer may be waited for.
+pub const DEADLINE_MAX: Duration = Duration::from_secs(3_600);
+
 /// What may wait for one connection, payloads counted in full. Beyond it its messages are dropped.
 pub const CONNECTION_BYTES_MAX: usize = 32 * 1024 * 1024;
 /// What unfinished messages of one connection may hold together.
@@ -58,6 +67,24 @@ pub const WIRE_BYTES_AHEAD: usize = 64 * 1024;
 pub const SHARED_PAYLOAD_BYTES_MIN: usize = 1024;
 /// The work, in units of the table's cost column, that one connection may cause in one turn.
 pub const TURN_COST_MAX: u32 = 256;
+
+/// How many variables one database holds.
+pub const DATABASE_KEYS_MAX: usize = 100_000;
+/// What keys and values of one database take together.
+pub const DATABASE_BYTES_MAX: usize = 64 * 1024 * 1024;
+/// How many databases of one account are there without their flow or channel: those created by name, and those
+/// that were saved.
+pub const DATABASES_PER_ACCOUNT_MAX: usize = 64;
+/// What all databases of one account take together.
+pub const ACCOUNT_BYTES_MAX: usize = DATABASES_PER_ACCOUNT_MAX * DATABASE_BYTES_MAX;
+/// How many variables all databases of one account have together.
+pub const ACCOUNT_KEYS_MAX: usize = DATABASES_PER_ACCOUNT_MAX * DATABASE_KEYS_MAX;
+/// How many deletions a database remembers for those who watch it.
+pub const DELETIONS_KEPT_MAX: usize = 1_024;
+/// How many watches one flow may have.
+pub const WATCHES_PER_FLOW_MAX: usize = 256;
+/// How many changes of one flow may wait for the disk; its further commands wait meanwhile.
+pub const UNSAVED_PER_FLOW_MAX: usize = 1_024;
 
 /// How many connections a hub serves at once.
 pub const CONNECTIONS_MAX: usize = 16_384;
@@ -86,4 +113,5 @@ const _: () = {
     assert!(CHANNELS_MAX == i16::MAX as usize + 1 && CHANNELS_RESERVED_FOR_HUB < CHANNELS_MAX);
     assert!(PROPERTIES_JSON_BYTES_MAX < CONTROL_BYTES_MAX && VALUE_BYTES_MAX < CONTROL_BYTES_MAX / 2);
     assert!(VERSION_OLDEST <= VERSION);
+    assert!(REQUESTS_PER_ASKER_MAX < REQUESTS_PER_OWNER_MAX);
 };

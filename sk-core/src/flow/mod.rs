@@ -13,6 +13,7 @@
 
 pub mod channel;
 pub mod codec;
+pub mod database;
 pub mod definition;
 pub mod delivery;
 pub mod error;
@@ -45,5 +46,5 @@ pub use sk_flow_sat::SkFlowSat;
 pub use sk_flow_server::SkFlowServer;
 pub use state::State;
 pub use table::{Command, Event};
-pub use transport::{AddressError, HubAddress, PipeSeed};
+pub use transport::{AddressError, FLOW_PATH, HubAddress, PipeSeed};
 pub use value::{Form, Properties, Value};

@@ -1,13 +1,18 @@
 //! The hub's server as an object: listeners and links around a [`ServerCore`].
 
+mod doors;
+
 use super::server::{ConnectionId, Notice, Origin, ServerCore, Settings, TooManyConnections};
-use super::transport::{Broken, Core, Link, PipeEnd, PipeSeed, TURN_BYTES_MAX, Turn};
+use super::transport::{Broken, Core, Link, PipeEnd, PipeSeed, StreamLink, TURN_BYTES_MAX, Turn};
 use super::wire::Slices;
-use super::{Encoded, HubAddress, Rights};
+use super::{Encoded, Rights};
 use crate::eventloop::Timer;
+use crate::net::Door;
+#[cfg(feature = "http")]
+use crate::net::http::HttpServer;
 use crate::object::{Access, Handle, ObjectId};
 use crate::signal::Signal;
-use crate::world::{Endpoint, Listener, Readiness, Stream, Token};
+use crate::world::{Endpoint, Readiness, Stream, Token};
 use crate::{Cx, attach};
 use rustc_hash::FxHashMap;
 use sk_flat::{Instant, Name};
@@ -39,7 +44,9 @@ const INSIDERS_LINGER: Duration = Duration::from_secs(1);
 /// ```
 pub struct SkFlowServer {
     core: ServerCore,
-    listeners: FxHashMap<Token, Box<dyn Listener>>,
+    doors: FxHashMap<Token, Door>,
+    #[cfg(feature = "http")]
+    http: Option<Handle<HttpServer>>,
     links: FxHashMap<Token, Served>,
     tokens: FxHashMap<ConnectionId, Token>,
     /// Links that stay unread until their connection wants more.
@@ -68,7 +75,7 @@ pub struct SkFlowServer {
 
 struct Served {
     connection: ConnectionId,
-    link: Option<Link>,
+    link: Option<Box<dyn Link>>,
     waiting: Option<Encoded>,
     /// It is in the list of links that stay unread.
     held: bool,
@@ -134,7 +141,9 @@ impl SkFlowServer {
             let _ = timer.start(cx, CHECK_EVERY);
             SkFlowServer {
                 core: ServerCore::new(settings, cx.now()),
-                listeners: FxHashMap::default(),
+                doors: FxHashMap::default(),
+                #[cfg(feature = "http")]
+                http: None,
                 links: FxHashMap::default(),
                 tokens: FxHashMap::default(),
                 held: Vec::new(),
@@ -169,7 +178,7 @@ impl SkFlowServer {
         self.flush(cx);
         for (_, served) in self.links.drain() {
             if let Some(link) = served.link {
-                link.close();
+                link.close(cx);
             }
         }
     }
@@ -177,10 +186,13 @@ impl SkFlowServer {
     fn accept(&mut self, cx: &mut Cx, at: Token) -> bool {
         let this = cx.this(self);
         for _ in 0..ACCEPTS_PER_TURN_MAX {
-            let Some(listener) = self.listeners.get_mut(&at) else { return false };
+            let Some(door) = self.doors.get_mut(&at) else { return false };
             let token = cx.add_source(this.id(), serve);
-            match listener.accept(token) {
-                Ok(stream) => self.take_in(cx, token, stream),
+            match door.accept(token) {
+                Ok(stream) => {
+                    let now = cx.now();
+                    self.take_in(cx, token, stream, now);
+                }
                 Err(error) => {
                     cx.remove_source(token);
                     match error.kind() {
@@ -206,7 +218,8 @@ impl SkFlowServer {
         cx.offer_source_after(at, ACCEPT_AGAIN_AFTER);
     }
 
-    fn take_in(&mut self, cx: &mut Cx, token: Token, stream: Box<dyn Stream>) {
+    /// Takes a connection in whose time for the login began at `opened`.
+    fn take_in(&mut self, cx: &mut Cx, token: Token, stream: Box<dyn Stream>, opened: Instant) {
         self.out_of_descriptors = false;
         let origin = match (stream.peer_uid(), stream.peer()) {
             (Some(uid), _) => Origin::Unix { uid },
@@ -219,14 +232,14 @@ impl SkFlowServer {
         };
         let mut nonce = [0; 32];
         cx.world().rng.fill(&mut nonce);
-        match self.core.open(origin, nonce, cx.now()) {
-            Ok(connection) => self.enlist(token, connection, Link::Socket(stream)),
+        match self.core.open(origin, nonce, opened) {
+            Ok(connection) => self.enlist(token, connection, StreamLink::new(stream)),
             Err(TooManyConnections) => cx.remove_source(token),
         }
         self.after(cx);
     }
 
-    fn enlist(&mut self, token: Token, connection: ConnectionId, link: Link) {
+    fn enlist(&mut self, token: Token, connection: ConnectionId, link: Box<dyn Link>) {
         self.tokens.insert(connection, token);
         self.links.insert(
             token,
@@ -236,7 +249,7 @@ impl SkFlowServer {
 
     fn serve(&mut self, cx: &mut Cx, readiness: Readiness) -> bool {
         let token = readiness.token;
-        if self.listeners.contains_key(&token) {
+        if self.doors.contains_key(&token) {
             return self.accept(cx, token);
         }
         let now = cx.now();
@@ -306,7 +319,7 @@ impl SkFlowServer {
                 if let Some(token) = self.tokens.remove(&connection) {
                     cx.remove_source(token);
                     if let Some(Served { link: Some(link), .. }) = self.links.remove(&token) {
-                        link.close();
+                        link.close(cx);
                     }
                 }
             }
@@ -386,8 +399,13 @@ impl SkFlowServer {
 
     /// Listens no more, and ends when everybody has left or was told.
     fn shut_down(&mut self, cx: &mut Cx) {
-        for (token, _) in self.listeners.drain() {
+        for (token, _) in self.doors.drain() {
             cx.remove_source(token);
+        }
+        #[cfg(feature = "http")]
+        if let Some(http) = self.http {
+            // It is this object's child, and gone only if somebody destroyed it.
+            let _ = http.stop_listening(cx);
         }
         if self.ending.is_none() {
             self.ending = Some(Ending::Insiders { until: cx.now() + INSIDERS_LINGER });
@@ -431,27 +449,6 @@ fn flush(cx: &mut Cx, server: ObjectId) {
 }
 
 impl Handle<SkFlowServer> {
-    /// Listens at an address; answers where, with the port that was chosen for port 0. A Unix socket's file
-    /// is only the owner's.
-    ///
-    /// # Errors
-    /// If the address is taken or may not be used, or the server is gone.
-    pub fn listen(self, cx: &mut Cx, at: &HubAddress) -> io::Result<HubAddress> {
-        self.refuse_at_end(cx)?;
-        let token = cx.add_source(self.id(), serve);
-        let listener = match cx.world().net.listen(&at.endpoint(), token) {
-            Ok(listener) => listener,
-            Err(error) => {
-                cx.remove_source(token);
-                return Err(error);
-            }
-        };
-        let local = HubAddress::from(&listener.local());
-        cx.with(self, |server, _| server.listeners.insert(token, listener))
-            .map_err(io::Error::other)?;
-        Ok(local)
-    }
-
     /// Makes a connection inside the process; the seed becomes a satellite's link, on this loop or another
     /// thread's. It logs in as the owner's account with these rights.
     ///
@@ -466,12 +463,20 @@ impl Handle<SkFlowServer> {
         cx.world().rng.fill(&mut nonce);
         let opened = cx.with(self, |server, cx| {
             let connection = server.core.open(Origin::Inside { rights }, nonce, cx.now())?;
-            server.enlist(token, connection, Link::Pipe(near));
+            server.enlist(token, connection, Box::new(near));
             server.after(cx);
             Ok::<(), TooManyConnections>(())
         });
         opened.map_err(io::Error::other)?.map_err(io::Error::other)?;
         Ok(far)
+    }
+
+    /// As [`ServerCore::narrow_channel_ids`].
+    ///
+    /// # Errors
+    /// If the server is gone, or one of its slots is running.
+    pub fn narrow_channel_ids(self, cx: &mut Cx, ids: std::ops::Range<u16>) -> Result<(), Access> {
+        cx.with(self, |server, _| server.core.narrow_channel_ids(ids))
     }
 
     fn refuse_at_end(self, cx: &mut Cx) -> io::Result<()> {

@@ -32,6 +32,10 @@ pub enum ModuleError {
     /// The module is in the middle of something: ask again in the next round.
     #[error("the module is busy: one of its slots is running")]
     Busy,
+    /// The module lives on a thread of its own, so its answer takes a while: it is told by
+    /// [`ask`](crate::Handle#method.ask).
+    #[error("the module lives on a thread of its own: ask it, and take the answer when it comes")]
+    OnThread,
     /// There is no such module any more.
     #[error("the module is gone")]
     Gone,

@@ -5,7 +5,10 @@
 //! source runs inside a hub and as a satellite. A [`Runner`] makes it, checks what it is told and contains
 //! its errors and panics; a [`ModuleSupervisor`] in the tree, `modules/<name>`, restarts it with back-off.
 
+mod agent;
+mod class;
 mod error;
+mod life;
 mod modules;
 mod parameter_type;
 mod parameters;
@@ -13,9 +16,12 @@ mod parameters_macro;
 mod restart;
 mod runner;
 mod satellite;
+mod state;
 mod supervisor;
+mod threaded;
 
 pub use crate::flow::Flow;
+pub use class::ModuleClass;
 pub use error::ModuleError;
 pub use modules::Modules;
 pub use parameter_type::ParameterType;
@@ -25,7 +31,9 @@ pub use parameters::{checked, plain_name};
 pub use restart::RestartPolicy;
 pub use runner::{AnyRunner, Runner};
 pub use satellite::SatelliteRunError;
-pub use supervisor::{ModuleState, ModuleSupervisor};
+pub use state::{ModuleState, ModuleStatus};
+pub use supervisor::{ModuleOrder, ModuleSupervisor};
+pub use threaded::{ThreadPlace, ThreadedModule};
 
 use crate::object::{Handle, SkObject};
 use crate::{Cx, SkVariant};
@@ -39,7 +47,9 @@ use std::fmt::Display;
 /// [`RestartPolicy`] says; `stop` is not called for it then, `on_destroy` and `Drop` are.
 ///
 /// **Threads.** All of it, the module's slots included, happens on the loop on which the module was made. A
-/// module never sees the hub: it talks through its [`Flow`] and its signals.
+/// module never sees the hub: it talks through its [`Flow`] and its signals. That loop is the hub's, or one on a
+/// thread of the module's own ([`ThreadedModule`]); the module's source is the same. On a thread of its own it is
+/// made and started beside the others.
 ///
 /// **Time.** None of it may block: the loop of the hub waits meanwhile. Disk, name look-up and long
 /// calculations belong on the world's worker or on a thread of the module's own. `stop` is quick: it closes,

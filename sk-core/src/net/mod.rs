@@ -5,6 +5,9 @@
 //! that called it. Ready sockets are served in turn, each for a bounded turn, so that none starves another.
 
 mod alarm;
+mod door;
+#[cfg(feature = "http")]
+pub mod http;
 mod listener;
 mod outgoing;
 mod stream;
@@ -12,6 +15,7 @@ mod stream_state;
 mod turn;
 mod udp;
 
+pub(crate) use door::{Door, Wrap};
 pub use listener::Listener;
 pub use outgoing::WriteError;
 pub use stream::Socket;

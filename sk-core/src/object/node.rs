@@ -3,8 +3,8 @@
 use crate::Cx;
 use crate::object::{Access, Class, ObjectId, SkObject};
 use crate::signal::{AnySignal, Bound, SignalMeta};
+use crate::sys::lease::{Denied, Head, Lease, Leased};
 use std::any::{Any, TypeId};
-use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
 /// `destroy_later` named the object or one of its ancestors: no further slot call reaches it.
@@ -19,34 +19,42 @@ pub(crate) const TO_SWEEP: u8 = 16;
 /// What waits is being run: the leases of these calls do not run it again as they end.
 pub(crate) const DRAINING: u8 = 32;
 
-/// What every node has, whatever it holds.
-pub struct Header {
-    pub(crate) id: ObjectId,
-    pub(crate) state: Cell<u8>,
-}
+/// What every node has, whatever it holds: the object's id, and its flags.
+pub(crate) type Header = Head<ObjectId>;
 
-impl Header {
-    pub(crate) fn has(&self, flag: u8) -> bool {
-        self.state.get() & flag != 0
-    }
-    pub(crate) fn set(&self, flag: u8) {
-        self.state.set(self.state.get() | flag);
-    }
-    pub(crate) fn unset(&self, flag: u8) {
-        self.state.set(self.state.get() & !flag);
-    }
-}
-
-/// An object's cell. The `RefCell`'s borrow flag is the lease: it is taken for one call.
-/// `None` once buried; links to it then hold a dead shell until they are swept.
+/// An object's cell, which grants the lease for one call. Empty once the object is buried; links to it then hold
+/// a dead shell until they are swept.
 pub struct Node<T> {
-    pub(crate) header: Header,
-    pub(crate) value: RefCell<Option<T>>,
+    cell: Leased<ObjectId, T>,
 }
 
 impl<T> Node<T> {
     pub(crate) fn new(id: ObjectId, value: T) -> Node<T> {
-        Node { header: Header { id, state: Cell::new(0) }, value: RefCell::new(Some(value)) }
+        Node { cell: Leased::new(id, value) }
+    }
+
+    #[inline]
+    pub(crate) fn header(&self) -> &Header {
+        self.cell.head()
+    }
+
+    /// The cell, for a slot call.
+    #[inline]
+    pub(crate) fn cell(&self) -> &Leased<ObjectId, T> {
+        &self.cell
+    }
+
+    /// The object for an access that is not a slot call, whatever its flags are.
+    pub(crate) fn access(&self) -> Result<Lease<'_, ObjectId, T>, Access> {
+        self.cell.lease(0).map_err(|denied| match denied {
+            Denied::Empty => Access::Gone,
+            Denied::Leased | Denied::Flagged => Access::Busy,
+        })
+    }
+
+    /// Whether the object is buried, so that only its cell is left.
+    pub(crate) fn is_shell(&self) -> bool {
+        self.cell.is_empty()
     }
 }
 
@@ -76,7 +84,7 @@ pub(crate) trait AnyNode: Any {
 
 impl<T: SkObject> AnyNode for Node<T> {
     fn header(&self) -> &Header {
-        &self.header
+        self.cell.head()
     }
 
     fn class(&self) -> &'static Class {
@@ -88,16 +96,14 @@ impl<T: SkObject> AnyNode for Node<T> {
     }
 
     fn with_signal(&self, uid: u64, f: &mut dyn FnMut(&mut dyn AnySignal)) -> Result<(), Access> {
-        let mut value = self.value.try_borrow_mut().map_err(|_| Access::Busy)?;
-        let signal = value.as_mut().and_then(|object| object.signal_mut(uid)).ok_or(Access::Gone)?;
+        let mut object = self.access()?;
+        let signal = object.signal_mut(uid).ok_or(Access::Gone)?;
         f(signal);
         Ok(())
     }
 
     fn each_signal(&self, f: &mut dyn FnMut(&'static SignalMeta, &mut dyn AnySignal)) {
-        if let Ok(mut value) = self.value.try_borrow_mut()
-            && let Some(object) = value.as_mut()
-        {
+        if let Ok(mut object) = self.access() {
             object.each_signal(f);
         }
     }
@@ -108,39 +114,31 @@ impl<T: SkObject> AnyNode for Node<T> {
         cx: &mut Cx,
         f: &mut dyn FnMut(&mut dyn Any, &mut Cx),
     ) -> Result<(), Access> {
-        let mut value = self.value.try_borrow_mut().map_err(|_| Access::Busy)?;
-        let part = value.as_mut().and_then(|object| object.part_mut(part)).ok_or(Access::Gone)?;
+        let mut object = self.access()?;
+        let part = object.part_mut(part).ok_or(Access::Gone)?;
         f(part, cx);
         Ok(())
     }
 
     fn is_leased(&self) -> bool {
-        self.value.try_borrow_mut().is_err()
+        self.cell.is_leased()
     }
 
     fn spawned(&self, cx: &mut Cx) {
-        if let Ok(mut value) = self.value.try_borrow_mut()
-            && let Some(object) = value.as_mut()
-        {
+        if let Ok(mut object) = self.access() {
             object.spawned(cx);
         }
     }
 
     fn destroying(&self, cx: &mut Cx) {
-        if let Ok(mut value) = self.value.try_borrow_mut()
-            && let Some(object) = value.as_mut()
-        {
+        if let Ok(mut object) = self.access() {
             object.destroying(cx);
         }
     }
 
     fn clear(&self) {
-        // Taken out first and dropped after the borrow has ended: the value's own `Drop` may look at
-        // anything but must not find its cell borrowed.
-        let value = match self.value.try_borrow_mut() {
-            Ok(mut value) => value.take(),
-            Err(_) => None,
-        };
-        drop(value);
+        // Taken out first and dropped after the lease has ended: the value's own `Drop` may look at anything
+        // but must not find its cell leased.
+        drop(self.cell.take());
     }
 }

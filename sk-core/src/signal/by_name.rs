@@ -5,6 +5,7 @@ use crate::eventloop::Refusal;
 use crate::object::{Address, Class, MARKED, MetaError, ObjectId};
 use crate::signal::link::{OnceCall, Parked};
 use crate::signal::{Bound, Call, Delivery, LinkInfo, Mode, Rewire, SignalMeta, SlotMeta, Target, Wish};
+use crate::sys::role::Held;
 use crate::thread::{Crossing, Message, PostError, There};
 use sk_flat::{FromVariant, SkVariant};
 use std::any::TypeId;
@@ -62,7 +63,7 @@ impl<A: FromVariant + Clone + 'static> Convertible for &Described<A> {
         let call = bound
             .downcast::<Rc<dyn Call<A>>>()
             .map_err(|_| "the slot has other types".to_owned())?;
-        Ok(PreparedCall(Parked::<A>::boxed(&call, converted)))
+        Ok(PreparedCall(Parked::<A>::boxed(Held::from(*call), converted)))
     }
 }
 

@@ -3,8 +3,9 @@
 use crate::Cx;
 use crate::object::{Header, MARKED, Node, ObjectId, Project, SkObject, WAITING};
 use crate::signal::{SlotFor, SlotMeta, SlotTag};
+use crate::sys::lease::{Denied, Lease};
+use crate::sys::role::InRole;
 use std::any::{Any, TypeId};
-use std::marker::PhantomData;
 use std::rc::Rc;
 
 /// An `Rc<dyn Call<A>>` of an `A` that the asker knows.
@@ -37,14 +38,10 @@ pub trait Call<A: ?Sized> {
     fn is_shell(&self) -> bool;
 }
 
-/// The slot `S` of the object in `node`, or of the base that `P` leads to.
-#[doc(hidden)]
-pub struct BoundSlot<O, P, S> {
-    node: Rc<Node<O>>,
-    way: PhantomData<fn() -> (P, S)>,
-}
+/// The object of a node as the receiver of its slot `S`, or of the slot of the base that `P` leads to.
+type Receiver<O, P, S> = InRole<Node<O>, (P, S)>;
 
-impl<A, O, P, S> Call<A> for BoundSlot<O, P, S>
+impl<A, O, P, S> Call<A> for Receiver<O, P, S>
 where
     A: ?Sized,
     O: SkObject,
@@ -53,26 +50,14 @@ where
 {
     #[inline]
     fn call(&self, cx: &mut Cx, args: &A, allowed: u8) -> Reached {
-        let node = &*self.node;
-        let hindered = node.header.state.get() & (MARKED | WAITING) & !allowed;
-        if hindered != 0 {
-            return if hindered & MARKED != 0 { Reached::Gone } else { Reached::Busy };
+        match self.cell().lease_unflagged() {
+            Some(object) => run::<A, O, P, S>(object, cx, args),
+            None => call_flagged::<A, O, P, S>(self, cx, args, allowed),
         }
-        let Ok(mut lease) = node.value.try_borrow_mut() else { return Reached::Busy };
-        let Some(object) = lease.as_mut() else { return Reached::Gone };
-        cx.enter(node.header.id, S::META);
-        if let Err(message) = S::invoke(P::project(object), cx, args) {
-            cx.slot_failed(message);
-        }
-        drop(lease);
-        if node.header.has(WAITING) {
-            cx.drain_waiting(&node.header);
-        }
-        Reached::Ran
     }
 
     fn header(&self) -> &Header {
-        &self.node.header
+        Node::header(self)
     }
 
     fn slot(&self) -> &'static SlotMeta {
@@ -80,8 +65,57 @@ where
     }
 
     fn is_shell(&self) -> bool {
-        self.node.value.try_borrow().is_ok_and(|value| value.is_none())
+        Node::is_shell(self)
     }
+}
+
+/// What happens in every call, whatever the state of the object. Here and in `call` nothing but the slot itself is
+/// called, unless a flag is set, so that they need no registers but those of the call.
+#[inline]
+fn run<A, O, P, S>(mut object: Lease<'_, ObjectId, O>, cx: &mut Cx, args: &A) -> Reached
+where
+    A: ?Sized,
+    O: SkObject,
+    S: SlotFor<A>,
+    P: Project<O, S::Object>,
+{
+    cx.enter(object.head().id, S::META);
+    if let Err(message) = S::invoke(P::project(&mut object), cx, args) {
+        cx.slot_failed(message);
+    }
+    match object.end_unflagged() {
+        Ok(()) => Reached::Ran,
+        Err(object) => end_flagged(object, cx),
+    }
+}
+
+/// A flag is set before the call: it may hinder it, or not.
+#[cold]
+#[inline(never)]
+fn call_flagged<A, O, P, S>(node: &Node<O>, cx: &mut Cx, args: &A, allowed: u8) -> Reached
+where
+    A: ?Sized,
+    O: SkObject,
+    S: SlotFor<A>,
+    P: Project<O, S::Object>,
+{
+    match node.cell().lease((MARKED | WAITING) & !allowed) {
+        Ok(object) => run::<A, O, P, S>(object, cx, args),
+        // Whoever is marked or buried is gone, also while its last slot runs.
+        Err(denied) if denied == Denied::Empty || node.header().has(MARKED) => Reached::Gone,
+        Err(_) => Reached::Busy,
+    }
+}
+
+/// A flag is set after the call: calls may wait for the object.
+#[cold]
+#[inline(never)]
+fn end_flagged<O>(object: Lease<'_, ObjectId, O>, cx: &mut Cx) -> Reached {
+    let header = object.end();
+    if header.has(WAITING) {
+        cx.drain_waiting(header);
+    }
+    Reached::Ran
 }
 
 fn bound<A, O, P, S>(node: &Rc<Node<O>>) -> Bound
@@ -91,7 +125,7 @@ where
     S: SlotFor<A>,
     P: Project<O, S::Object>,
 {
-    let call: Rc<dyn Call<A>> = Rc::new(BoundSlot::<O, P, S> { node: node.clone(), way: PhantomData });
+    let call: Rc<dyn Call<A>> = Receiver::<O, P, S>::share(node);
     Box::new(call)
 }
 

@@ -3,7 +3,9 @@
 use crate::Cx;
 use crate::object::{MARKED, WAITING};
 use crate::signal::{Call, Delivery, LinkKey, Mode, Reached, SlotMeta};
+use crate::sys::role::Held;
 use crate::thread::RemoteSend;
+use smallvec::SmallVec;
 use std::borrow::Borrow;
 use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
@@ -14,14 +16,16 @@ const QUEUE_KEPT_MAX: usize = 64;
 /// After so many rounds in use a link looks whether its queue is larger than it needs.
 const ROUNDS_BETWEEN_LOOKS: u64 = 8;
 
+/// 32 bytes.
 pub(crate) struct Link<A: ?Sized + ToOwned> {
-    pub key: LinkKey,
     pub kind: Kind<A>,
+    /// Tells most other links apart without a look at their receivers.
+    fingerprint: u64,
 }
 
 pub(crate) enum Kind<A: ?Sized + ToOwned> {
     /// The hot one: nothing between it and the slot.
-    Direct(Rc<dyn Call<A>>),
+    Direct(Held<dyn Call<A>>),
     /// Everything else on this thread.
     Kept(Rc<Kept<A>>),
     /// To another thread.
@@ -35,16 +39,17 @@ impl<A: ?Sized + ToOwned> Clone for Link<A> {
             Kind::Kept(kept) => Kind::Kept(kept.clone()),
             Kind::Remote(remote) => Kind::Remote(remote.clone()),
         };
-        Link { key: self.key, kind }
+        Link { kind, fingerprint: self.fingerprint }
     }
 }
 
-/// The links of a signal, in the order they were attached. Frozen from rewire to rewire.
-pub(crate) struct Links<A: ?Sized + ToOwned>(pub Vec<Link<A>>);
+/// The links of a signal, in the order they were attached. Frozen from rewire to rewire. Most signals have one,
+/// which lies in the list itself.
+pub(crate) struct Links<A: ?Sized + ToOwned>(pub SmallVec<[Link<A>; 1]>);
 
 /// A link that is queued, or spent after one call, or both.
 pub(crate) struct Kept<A: ?Sized + ToOwned> {
-    pub call: Rc<dyn Call<A>>,
+    pub call: Held<dyn Call<A>>,
     pub mode: Mode,
     pub spent: Cell<bool>,
     /// Arguments of the calls that wait, oldest first: a queued call needs no box of its own.
@@ -79,7 +84,7 @@ impl LinkLosses {
 }
 
 impl<A: ?Sized + ToOwned + 'static> Kept<A> {
-    pub(crate) fn new(call: Rc<dyn Call<A>>, mode: Mode) -> Rc<Kept<A>> {
+    pub(crate) fn new(call: Held<dyn Call<A>>, mode: Mode) -> Rc<Kept<A>> {
         Rc::new(Kept {
             call,
             mode,
@@ -149,12 +154,29 @@ impl<A: ?Sized + ToOwned + 'static> Kept<A> {
         waiting.push_back(args.to_owned());
         self.most.set(self.most.get().max(waiting.len()));
         drop(waiting);
-        cx.queue_link(self.clone());
+        cx.queue.push_link(self);
         true
     }
 }
 
 impl<A: ?Sized + ToOwned> Link<A> {
+    pub(crate) fn new(key: LinkKey, kind: Kind<A>) -> Link<A> {
+        Link { kind, fingerprint: key.fingerprint() }
+    }
+
+    pub(crate) fn has(&self, key: LinkKey) -> bool {
+        self.fingerprint == key.fingerprint() && self.key() == key
+    }
+
+    pub(crate) fn key(&self) -> LinkKey {
+        let target = match &self.kind {
+            Kind::Direct(call) => call.target(),
+            Kind::Kept(kept) => kept.call.target(),
+            Kind::Remote(remote) => remote.target(),
+        };
+        LinkKey { target, slot: self.slot().uid }
+    }
+
     /// Whether the link will never call again: spent, or its receiver is buried.
     pub(crate) fn is_dead(&self) -> bool {
         match &self.kind {
@@ -222,17 +244,17 @@ impl<A: ?Sized + ToOwned + 'static> Link<A> {
 }
 
 /// Answers `false` if the queue is full.
-fn put_off<A: ?Sized + ToOwned + 'static>(call: &Rc<dyn Call<A>>, cx: &mut Cx, args: &A) -> bool {
+fn put_off<A: ?Sized + ToOwned + 'static>(call: &Held<dyn Call<A>>, cx: &mut Cx, args: &A) -> bool {
     cx.counters.deepened += 1;
     if !cx.queue_has_room() {
         return false;
     }
-    cx.queue_once(Parked::<A>::boxed(call, args.to_owned()));
+    cx.queue_once(Parked::<A>::boxed(call.clone(), args.to_owned()));
     true
 }
 
 /// Answers `false` if the call was to wait and found no room.
-fn call_directly<A: ?Sized + ToOwned + 'static>(call: &Rc<dyn Call<A>>, cx: &mut Cx, args: &A) -> bool {
+fn call_directly<A: ?Sized + ToOwned + 'static>(call: &Held<dyn Call<A>>, cx: &mut Cx, args: &A) -> bool {
     let reached = call.call(cx, args, 0);
     reached == Reached::Ran || missed(call, cx, args, reached)
 }
@@ -242,14 +264,14 @@ fn call_directly<A: ?Sized + ToOwned + 'static>(call: &Rc<dyn Call<A>>, cx: &mut
 #[cold]
 #[inline(never)]
 pub(crate) fn missed<A: ?Sized + ToOwned + 'static>(
-    call: &Rc<dyn Call<A>>,
+    call: &Held<dyn Call<A>>,
     cx: &mut Cx,
     args: &A,
     reached: Reached,
 ) -> bool {
     match reached {
         Reached::Ran => true,
-        Reached::Busy => cx.park(call.header(), || Parked::<A>::boxed(call, args.to_owned())),
+        Reached::Busy => cx.park(call.header(), || Parked::<A>::boxed(call.clone(), args.to_owned())),
         Reached::Gone => {
             cx.counters.gone += 1;
             cx.note_dead_link();
@@ -290,13 +312,13 @@ pub(crate) trait OnceCall {
 }
 
 pub(crate) struct Parked<A: ?Sized + ToOwned> {
-    call: Rc<dyn Call<A>>,
+    call: Held<dyn Call<A>>,
     args: A::Owned,
 }
 
 impl<A: ?Sized + ToOwned + 'static> Parked<A> {
-    pub(crate) fn boxed(call: &Rc<dyn Call<A>>, args: A::Owned) -> Box<dyn OnceCall> {
-        Box::new(Parked::<A> { call: call.clone(), args })
+    pub(crate) fn boxed(call: Held<dyn Call<A>>, args: A::Owned) -> Box<dyn OnceCall> {
+        Box::new(Parked::<A> { call, args })
     }
 }
 

@@ -10,7 +10,7 @@ mod slot;
 mod topology;
 
 pub use by_name::{Convertible, Crossable, Described, FixedConversion, ObjectInfo, Prepared, Staying};
-pub use call::{Bound, BoundSlot, Call, Reached, bind_exact, bind_ref, bind_slice, bind_str};
+pub use call::{Bound, Call, Reached, bind_exact, bind_ref, bind_slice, bind_str};
 pub(crate) use link::{LinkLosses, Links, OnceCall, QueuedCall};
 pub use mode::{AttachMode, Delivery, Direct, Latest, LinkShape, Mode, Once, OneShot, Queued};
 pub use signal::{AnySignal, LinkInfo, Signal};

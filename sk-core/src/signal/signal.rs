@@ -4,7 +4,9 @@ use crate::Cx;
 use crate::object::ObjectId;
 use crate::signal::link::{Kept, Kind, Link, missed};
 use crate::signal::{Bound, Call, Delivery, LinkKey, Links, Mode, Reached, SlotMeta};
+use crate::sys::role::Held;
 use crate::thread::RemoteSend;
+use smallvec::SmallVec;
 use std::any::{Any, TypeId};
 use std::borrow::Borrow;
 use std::fmt;
@@ -63,8 +65,16 @@ impl<A: ?Sized + ToOwned + 'static> Signal<A> {
     /// branch. What a receiver's slot leaves behind (an error, a panic) does not come back here.
     #[inline]
     pub fn emit(&self, cx: &mut Cx, args: impl Borrow<A>) {
-        if let Some(links) = &self.links {
-            links.fire(cx, args.borrow());
+        let Some(links) = &self.links else { return };
+        match &links.0[..] {
+            // The most usual case stands where the signal is emitted, without a call but the slot's.
+            [Link { kind: Kind::Direct(call), .. }] if cx.depth < cx.depth_max => {
+                let depth = cx.depth;
+                cx.depth = depth + 1;
+                call_direct(call, cx, args.borrow());
+                cx.depth = depth;
+            }
+            _ => links.fire(cx, args.borrow()),
         }
     }
 
@@ -86,40 +96,42 @@ impl<A: ?Sized + ToOwned> fmt::Debug for Signal<A> {
     }
 }
 
-/// How many slots of an emission are still to run. Anything is left at the end only when a panic unwinds
-/// through it: then they are skipped, and counted; otherwise this costs nothing but a register.
-struct Rest(usize);
+#[inline(always)]
+fn call_direct<A: ?Sized + ToOwned + 'static>(call: &Held<dyn Call<A>>, cx: &mut Cx, args: &A) {
+    let reached = call.call(cx, args, 0);
+    if reached != Reached::Ran {
+        missed(call, cx, args, reached);
+    }
+}
 
-impl Drop for Rest {
+/// The links of an emission that are still to be followed. Any are left at the end only when a panic unwinds
+/// through it: then their slots are skipped, and counted; otherwise this costs nothing.
+struct Rest<'a, A: ?Sized + ToOwned>(std::slice::Iter<'a, Link<A>>);
+
+impl<A: ?Sized + ToOwned> Drop for Rest<'_, A> {
     #[inline]
     fn drop(&mut self) {
-        if self.0 > 0 {
-            crate::eventloop::note_skipped(self.0);
+        if !self.0.as_slice().is_empty() {
+            crate::eventloop::note_skipped(self.0.len());
         }
     }
 }
 
 impl<A: ?Sized + ToOwned + 'static> Links<A> {
     pub(crate) fn fire(&self, cx: &mut Cx, args: &A) {
-        let depth = cx.depth + 1;
-        if depth > cx.depth_max {
+        let depth = cx.depth;
+        if depth >= cx.depth_max {
             return self.fire_carefully(cx, args);
         }
-        cx.depth = depth;
-        let mut rest = Rest(self.0.len());
-        for link in &self.0 {
-            rest.0 -= 1;
+        cx.depth = depth + 1;
+        let mut rest = Rest(self.0.iter());
+        while let Some(link) = rest.0.next() {
             match &link.kind {
-                Kind::Direct(call) => {
-                    let reached = call.call(cx, args, 0);
-                    if reached != Reached::Ran {
-                        missed(call, cx, args, reached);
-                    }
-                }
+                Kind::Direct(call) => call_direct(call, cx, args),
                 _ => link.emit_kept(cx, args),
             }
         }
-        cx.depth = depth - 1;
+        cx.depth = depth;
     }
 
     /// The depth limit is reached, or single calls are being timed.
@@ -135,9 +147,8 @@ impl<A: ?Sized + ToOwned + 'static> Links<A> {
             return;
         }
         cx.depth += 1;
-        let mut rest = Rest(self.0.len());
-        for link in &self.0 {
-            rest.0 -= 1;
+        let mut rest = Rest(self.0.iter());
+        while let Some(link) = rest.0.next() {
             if matches!(link.kind, Kind::Remote(_)) {
                 link.emit_kept(cx, args);
             } else {
@@ -155,12 +166,7 @@ impl<A: ?Sized + ToOwned + 'static> Links<A> {
             cx.guarded(|cx| match &link.kind {
                 Kind::Remote(_) => link.emit_kept(cx, args),
                 _ if timing => cx.timed(|cx| link.emit_kept(cx, args)),
-                Kind::Direct(call) => {
-                    let reached = call.call(cx, args, 0);
-                    if reached != Reached::Ran {
-                        missed(call, cx, args, reached);
-                    }
-                }
+                Kind::Direct(call) => call_direct(call, cx, args),
                 Kind::Kept(_) => link.emit_kept(cx, args),
             });
         }
@@ -222,7 +228,7 @@ pub trait AnySignal {
 }
 
 /// Calls a slot without arguments, whatever the signal carries.
-struct Ignoring(Rc<dyn Call<()>>);
+struct Ignoring(Held<dyn Call<()>>);
 
 impl<A: ?Sized> Call<A> for Ignoring {
     fn call(&self, cx: &mut Cx, _args: &A, allowed: u8) -> Reached {
@@ -257,6 +263,9 @@ impl<A: ?Sized> RemoteSend<A> for IgnoringRemote {
     fn losses(&self) -> (u64, u64) {
         self.0.losses()
     }
+    fn target(&self) -> ObjectId {
+        self.0.target()
+    }
 }
 
 impl<A: ?Sized + ToOwned + 'static> Signal<A> {
@@ -272,10 +281,11 @@ impl<A: ?Sized + ToOwned + 'static> Signal<A> {
                 .map(|sender| Kind::Remote(*sender)),
             End::Local(bound) => {
                 let call: Rc<dyn Call<A>> = if order.ignoring && TypeId::of::<A>() != TypeId::of::<()>() {
-                    Rc::new(Ignoring(*bound.downcast::<Rc<dyn Call<()>>>().ok()?))
+                    Rc::new(Ignoring(Held::from(*bound.downcast::<Rc<dyn Call<()>>>().ok()?)))
                 } else {
                     *bound.downcast::<Rc<dyn Call<A>>>().ok()?
                 };
+                let call = Held::from(call);
                 Some(if order.mode.delivery == Delivery::Direct && !order.mode.once {
                     Kind::Direct(call)
                 } else {
@@ -287,8 +297,8 @@ impl<A: ?Sized + ToOwned + 'static> Signal<A> {
 
     /// Links are frozen between rewires, so nobody else holds them now but an emitter of the loop's own
     /// that was caught in the middle: it keeps the old ones.
-    fn links_mut(&mut self) -> &mut Vec<Link<A>> {
-        let links = self.links.get_or_insert_with(|| Rc::new(Links(Vec::new())));
+    fn links_mut(&mut self) -> &mut SmallVec<[Link<A>; 1]> {
+        let links = self.links.get_or_insert_with(|| Rc::new(Links(SmallVec::new())));
         if Rc::get_mut(links).is_none() {
             *links = Rc::new(Links(links.0.clone()));
         }
@@ -303,7 +313,7 @@ impl<A: ?Sized + ToOwned + 'static> AnySignal for Signal<A> {
     fn has(&self, key: LinkKey) -> bool {
         self.links
             .as_ref()
-            .is_some_and(|links| links.0.iter().any(|link| link.key == key))
+            .is_some_and(|links| links.0.iter().any(|link| link.has(key)))
     }
 
     fn attach(&mut self, order: Order) -> Attached {
@@ -313,17 +323,17 @@ impl<A: ?Sized + ToOwned + 'static> AnySignal for Signal<A> {
         if links.len() == links.capacity() {
             links.retain(|link| !link.is_dead());
             if links.len() == links.capacity() {
-                // 1, 2, 4 …: most signals have one listener and should not pay for four.
-                links.reserve_exact(links.len().max(1));
+                // 1, 2, 4 …: few signals have many listeners.
+                links.reserve_exact(links.len());
             }
         }
-        links.push(Link { key, kind });
+        links.push(Link::new(key, kind));
         Attached::New
     }
 
     fn detach(&mut self, key: LinkKey) -> bool {
         let Some(links) = &self.links else { return false };
-        let Some(at) = links.0.iter().position(|link| link.key == key) else { return false };
+        let Some(at) = links.0.iter().position(|link| link.has(key)) else { return false };
         if links.0.len() == 1 {
             self.links = None;
         } else {
@@ -347,7 +357,7 @@ impl<A: ?Sized + ToOwned + 'static> AnySignal for Signal<A> {
         for link in self.links.iter().flat_map(|links| &links.0) {
             let (replaced, refused) = link.losses();
             f(LinkInfo {
-                target: link.key.target,
+                target: link.key().target,
                 slot: link.slot(),
                 mode: link.mode(),
                 remote: matches!(link.kind, Kind::Remote(_)),

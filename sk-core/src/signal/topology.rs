@@ -7,8 +7,13 @@ use crate::signal::{
     AnySignal, AttachMode, Attached, Mode, Order, SignalMeta, SignalRef, SlotFor, SlotMeta, SlotRef, SlotTag,
 };
 use crate::thread::{Crossing, There};
+use rustc_hash::FxBuildHasher;
 use std::any::TypeId;
+use std::hash::BuildHasher;
 use std::rc::Rc;
+
+/// Room for this many requests is kept from round to round; a program that is wired up makes many once.
+const REWIRES_KEPT_MAX: usize = 1024;
 
 /// An object of this loop, or of another thread's.
 #[doc(hidden)]
@@ -20,10 +25,17 @@ pub enum Target {
 
 /// What makes two links of a signal the same: the receiver and its slot, whatever the mode.
 #[doc(hidden)]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct LinkKey {
     pub(crate) target: ObjectId,
     pub(crate) slot: u64,
+}
+
+impl LinkKey {
+    /// The same for the same key, and rarely for another.
+    pub(crate) fn fingerprint(self) -> u64 {
+        FxBuildHasher.hash_one(self)
+    }
 }
 
 /// A link that is asked for.
@@ -185,6 +197,7 @@ impl Cx {
             let Some(rewire) = self.rewires.pop_front() else { break };
             self.guarded(|cx| cx.carry_out(rewire));
         }
+        self.rewires.shrink_to(REWIRES_KEPT_MAX);
     }
 
     fn carry_out(&mut self, rewire: Rewire) {

@@ -1,4 +1,4 @@
-//! SIGINT and SIGTERM as something to read instead of something that interrupts.
+//! SIGINT, SIGTERM and SIGHUP as something to read instead of something that interrupts.
 
 use nix::errno::Errno;
 use nix::sys::signal::{SigSet, Signal};
@@ -6,23 +6,24 @@ use nix::sys::signalfd::{SfdFlags, SignalFd};
 use std::io;
 use std::os::fd::{AsFd, AsRawFd, RawFd};
 
-/// The signals that ask an application to end.
-fn ending() -> SigSet {
+/// The signals that end an application, or tell it something, unless it hears them itself.
+fn heard() -> SigSet {
     let mut set = SigSet::empty();
     set.add(Signal::SIGINT);
     set.add(Signal::SIGTERM);
+    set.add(Signal::SIGHUP);
     set
 }
 
-/// Blocks SIGINT and SIGTERM for the calling thread and for those it starts from now on. Needs no
+/// Blocks SIGINT, SIGTERM and SIGHUP for the calling thread and for those it starts from now on. Needs no
 /// privilege.
 pub(crate) fn block_ending() -> io::Result<()> {
-    Ok(ending().thread_block()?)
+    Ok(heard().thread_block()?)
 }
 
 /// Undoes [`block_ending`] for the calling thread: a signal ends the process again.
 pub(crate) fn release_ending() -> io::Result<()> {
-    Ok(ending().thread_unblock()?)
+    Ok(heard().thread_unblock()?)
 }
 
 /// The blocked signals that have arrived.
@@ -34,7 +35,7 @@ pub(crate) struct EndingSignals {
 impl EndingSignals {
     pub(crate) fn new() -> io::Result<EndingSignals> {
         let flags = SfdFlags::SFD_CLOEXEC | SfdFlags::SFD_NONBLOCK;
-        Ok(EndingSignals { arrived: SignalFd::with_flags(&ending(), flags)? })
+        Ok(EndingSignals { arrived: SignalFd::with_flags(&heard(), flags)? })
     }
 
     /// The number of the next one, `None` when there is none.

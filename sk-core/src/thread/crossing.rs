@@ -54,6 +54,8 @@ pub trait RemoteSend<A: ?Sized> {
     fn is_closed(&self) -> bool;
     fn mode(&self) -> Mode;
     fn slot(&self) -> &'static SlotMeta;
+    /// The receiver, within its loop.
+    fn target(&self) -> ObjectId;
     /// How many calls a newer one replaced, and how many found the mailbox full.
     fn losses(&self) -> (u64, u64);
 }
@@ -82,6 +84,7 @@ struct Sending<A: ?Sized + ToOwned> {
     number: u64,
     mode: Mode,
     slot: &'static SlotMeta,
+    target: ObjectId,
     spent: Cell<bool>,
     losses: LinkLosses,
     outlet: Outlet<A::Owned>,
@@ -121,6 +124,7 @@ where
         number,
         mode,
         slot,
+        target,
         spent: Cell::new(false),
         losses: LinkLosses::default(),
         outlet,
@@ -209,6 +213,10 @@ where
 
     fn slot(&self) -> &'static SlotMeta {
         self.slot
+    }
+
+    fn target(&self) -> ObjectId {
+        self.target
     }
 
     fn losses(&self) -> (u64, u64) {

@@ -52,7 +52,7 @@ pub struct SkThread {
 
 enum Running {
     Real { there: There, thread: JoinHandle<()> },
-    Simulated { cx: Rc<RefCell<Cx>>, scheduler: Rc<Scheduler> },
+    Simulated { there: There, cx: Rc<RefCell<Cx>>, scheduler: Rc<Scheduler> },
 }
 
 /// Why a thread could not do as told.
@@ -117,6 +117,37 @@ impl SkThread {
         }
     }
 
+    /// Runs `work` on the thread, in its loop's next round, in order with everything else sent there. Never
+    /// waits.
+    ///
+    /// # Errors
+    /// If the thread's loop has ended, or its mailbox is full.
+    pub fn post(&self, work: impl FnOnce(&mut Cx) + Send + 'static) -> Result<(), ThreadError> {
+        let ended = || ThreadError::Ended(self.name.clone());
+        let (Running::Real { there, .. } | Running::Simulated { there, .. }) =
+            self.running.as_ref().ok_or_else(ended)?;
+        there.mailbox.post(Message::Run(Box::new(work))).map_err(|error| match error {
+            PostError::Gone => ended(),
+            full @ PostError::Full(_) => ThreadError::Full(self.name.clone(), full),
+        })
+    }
+
+    /// Asks the loop to end and does not wait for it: for a thread that hangs in a slot. It goes on until that
+    /// slot ends, or the process.
+    pub fn abandon(mut self) {
+        match self.running.take() {
+            Some(Running::Real { there, thread }) => {
+                ask_to_end(&there);
+                drop(thread);
+            }
+            // In a simulation no slot hangs: it would be this very thread that hangs.
+            simulated => {
+                self.running = simulated;
+                self.halt();
+            }
+        }
+    }
+
     /// The thread's name.
     pub fn name(&self) -> &str {
         &self.name
@@ -130,7 +161,7 @@ impl SkThread {
     fn halt(&mut self) {
         match self.running.take() {
             None => {}
-            Some(Running::Simulated { cx, scheduler }) => {
+            Some(Running::Simulated { cx, scheduler, .. }) => {
                 scheduler.remove(&cx);
                 // A thread that is stopped from its own slot ends when that slot has ended.
                 match cx.try_borrow_mut() {
@@ -139,15 +170,19 @@ impl SkThread {
                 }
             }
             Some(Running::Real { there, thread }) => {
-                // A mailbox that is closed belongs to a loop that has ended by itself.
-                let _ = there.mailbox.post_anyway(Message::Run(Box::new(|cx| cx.quit())));
-                there.mailbox.wake_in_any_case();
+                ask_to_end(&there);
                 if thread.join().is_err() {
                     tracing::error!(name = self.name, "the thread ended with a panic outside its slots");
                 }
             }
         }
     }
+}
+
+fn ask_to_end(there: &There) {
+    // A mailbox that is closed belongs to a loop that has ended by itself.
+    let _ = there.mailbox.post_anyway(Message::Run(Box::new(|cx| cx.quit())));
+    there.mailbox.wake_in_any_case();
 }
 
 impl Drop for SkThread {
@@ -199,7 +234,8 @@ impl ThreadBuilder {
             Some(scheduler) => {
                 let world = seed.grow().map_err(refused)?;
                 let cx = scheduler.add(Cx::new(&self.name, world, settings));
-                Running::Simulated { cx, scheduler }
+                let there = cx.borrow().here(ObjectId::NOBODY);
+                Running::Simulated { there, cx, scheduler }
             }
             None => start_real(&self.name, seed, settings).map_err(refused)?,
         };

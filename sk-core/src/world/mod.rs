@@ -13,13 +13,14 @@ pub mod storage;
 pub mod worker;
 
 pub use clock::{Clock, RealClock, SimulatedClock};
+pub(crate) use net::SimulatedBell;
 pub use net::{
-    Datagram, Endpoint, Listener, Net, NetworkSettings, OsSignal, OsSignals, Readiness, RealNet,
-    SimulatedNet, SimulatedShare, Stream, Token, Wake,
+    Datagram, Death, Endpoint, LinkFaults, Listener, Net, NetworkSettings, OsSignal, OsSignals, Readiness,
+    RealNet, SimulatedNet, SimulatedShare, Stream, Token, Wake,
 };
 pub use rng::{RealRng, Rng, SimulatedRng};
 pub use simulated::SimulatedWorld;
-pub use storage::{RealStorage, SimulatedStorage, Storage, StoredFile};
+pub use storage::{DiskFaults, RealStorage, SimulatedStorage, Storage, StoredFile};
 pub use worker::{JOBS_WAITING_MAX, Job, RealWorker, SimulatedWorker, Worker};
 
 use std::io;

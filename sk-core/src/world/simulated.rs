@@ -2,14 +2,17 @@
 
 use super::net::Network;
 use super::{
-    NetworkSettings, Origin, OsSignal, SimulatedClock, SimulatedNet, SimulatedRng, SimulatedStorage,
-    SimulatedWorker, World,
+    Death, LinkFaults, NetworkSettings, Origin, OsSignal, SimulatedClock, SimulatedNet, SimulatedRng,
+    SimulatedStorage, SimulatedWorker, World,
 };
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// The streams that the world itself draws from lie at the far end, away from those of loops.
 const NETWORK_STREAM: u64 = u64::MAX;
 const WORKER_STREAM: u64 = u64::MAX - 1;
+/// How far apart the workers' streams of machines and their processes lie, downwards.
+const WORKER_STREAMS: u64 = 1 << 32;
 
 /// What all loops of a simulation share, and the levers of whoever runs it. A clone is the same world.
 ///
@@ -38,6 +41,11 @@ const WORKER_STREAM: u64 = u64::MAX - 1;
 /// assert!(!stream.connected()?); // the answer is still under way
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
+///
+/// The world begins with one machine. [`machine`](SimulatedWorld::machine) adds others, each with a disk and
+/// a worker of its own; the value it answers is the same world as seen from there. Ways between machines can
+/// be made [faulty](SimulatedWorld::set_link), [cut](SimulatedWorld::partition) and mended while loops run, and a
+/// machine's processes can [die](SimulatedWorld::die) and be [started anew](SimulatedWorld::restarted).
 #[derive(Clone, Debug)]
 pub struct SimulatedWorld {
     seed: u64,
@@ -45,6 +53,9 @@ pub struct SimulatedWorld {
     network: Arc<Network>,
     storage: Arc<SimulatedStorage>,
     worker: Arc<SimulatedWorker>,
+    machine: usize,
+    /// Machines and processes that were made, in this order.
+    made: Arc<AtomicU64>,
 }
 
 impl SimulatedWorld {
@@ -64,16 +75,81 @@ impl SimulatedWorld {
             network: Arc::new(network),
             storage: Arc::new(SimulatedStorage::new()),
             worker: Arc::new(worker),
+            machine: 0,
+            made: Arc::new(AtomicU64::new(0)),
+        }
+    }
+
+    /// Another machine in the same network, with an empty disk.
+    pub fn machine(&self) -> SimulatedWorld {
+        let made = self.made.fetch_add(1, Ordering::Relaxed) + 1;
+        SimulatedWorld {
+            storage: Arc::new(SimulatedStorage::new()),
+            worker: Arc::new(self.worker_of(made)),
+            machine: usize::try_from(made).unwrap_or(usize::MAX),
+            ..self.clone()
+        }
+    }
+
+    /// The same machine for its next process, after [`die`](SimulatedWorld::die): what the disk kept is there, and
+    /// no work is under way.
+    pub fn restarted(&self) -> SimulatedWorld {
+        let made = self.made.fetch_add(1, Ordering::Relaxed) + 1;
+        SimulatedWorld { worker: Arc::new(self.worker_of(made)), ..self.clone() }
+    }
+
+    fn worker_of(&self, made: u64) -> SimulatedWorker {
+        let stream = WORKER_STREAM - made * WORKER_STREAMS;
+        SimulatedWorker::new(self.clock.clone(), SimulatedRng::new(self.seed, stream))
+    }
+
+    /// The machine's number in its world: 0 is the first.
+    pub fn machine_number(&self) -> usize {
+        self.machine
+    }
+
+    /// How the ways between two machines misbehave from now on, both directions alike. The same number twice
+    /// means what passes inside that machine, pipes between its loops included.
+    pub fn set_link(&self, one: usize, other: usize, faults: LinkFaults) {
+        self.network.set_way(one, other, faults);
+        self.network.set_way(other, one, faults);
+    }
+
+    /// Nothing that leaves one machine for the other from now on arrives: streams stall, datagrams are lost.
+    /// What was under way arrives. The other direction is a matter of its own.
+    pub fn partition(&self, from: usize, to: usize) {
+        self.network.part(from, to);
+    }
+
+    /// Ends a partition: what streams and wishes to connect sent meanwhile arrives now.
+    pub fn heal(&self, from: usize, to: usize) {
+        self.network.heal(from, to);
+    }
+
+    /// Breaks every connection between two machines; both ends hear of a reset.
+    pub fn reset(&self, one: usize, other: usize) {
+        self.network.reset(one, other);
+    }
+
+    /// All processes of this machine end without a word. Their loops are to be dropped: what they still do
+    /// reaches nobody, and not the disk. Of work that waits on the worker, chance decides: it is lost, done or half
+    /// done.
+    pub fn die(&self, death: Death, rng: &mut SimulatedRng) {
+        self.network.end_machine(self.machine, death);
+        self.worker.give_up(rng, |operations| self.storage.give_out_after(operations));
+        match death {
+            Death::Killed | Death::Vanished => self.storage.end_process(),
+            Death::PowerCut => self.storage.power_cut_by_chance(rng),
         }
     }
 
     /// Another loop's share. Its randomness is the stream of its number, in order of creation.
     pub fn world(&self) -> World {
-        let net = SimulatedNet::new(self.network.clone());
+        let net = SimulatedNet::new(self.network.clone(), self.machine);
         let share = net.share();
         World {
             clock: self.clock.clone(),
-            storage: self.storage.clone(),
+            storage: Arc::new(self.storage.for_process()),
             rng: Box::new(self.rng(share.number() as u64)),
             worker: self.worker.clone(),
             net: Box::new(net),

@@ -1,9 +1,11 @@
 //! Modules under their supervisors, in virtual time: each test is one of the rules.
 
+mod hanging;
 mod network;
 mod orders;
 mod probe;
 mod restart;
+mod threads;
 
 use probe::{Hub, POLICY, Plain, Probe, ProbeParameters, book, failed};
 use sk_core::module::*;

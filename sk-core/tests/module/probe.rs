@@ -95,6 +95,11 @@ impl AbstractModule for Probe {
                 Ok(format!("{state}, {refused:?}").into())
             }
             Some("panic") => panic!("as commanded"),
+            Some("quit") => {
+                cx.quit();
+                Ok(SkVariant::Null)
+            }
+            Some("loop") => Ok(cx.loop_name().into()),
             _ => Err(format!("no command {command}")),
         }
     }
@@ -187,6 +192,30 @@ impl Hub {
     ) -> Handle<ModuleSupervisor> {
         let runner = Runner::<Probe>::new(self.inside.flow(name), parameters).named(name);
         self.modules.add(self.app.cx(), runner, policy).unwrap()
+    }
+
+    /// As [`add`](Hub::add), on a thread of the module's own.
+    pub fn add_there(&mut self, name: &str, fault: &str, policy: RestartPolicy) -> Handle<ModuleSupervisor> {
+        let server = self.server;
+        let place = ThreadPlace { mode: TimingMode::SelectIo, interval: Duration::from_millis(10) };
+        let link = move |cx: &mut Cx| server.pipe(cx, Rights::ALL);
+        let module = ThreadedModule::new(ModuleClass::of::<Probe>(), place, link).named(name);
+        let fault = SkVariant::map([("fault", fault.into())]);
+        let module = module.configured(&fault).unwrap();
+        self.modules.add_on_thread(self.app.cx(), module, policy).unwrap()
+    }
+
+    /// What a module answers in the rounds that follow.
+    pub fn ask(
+        &mut self,
+        module: Handle<ModuleSupervisor>,
+        order: ModuleOrder,
+    ) -> Result<SkVariant, ModuleError> {
+        let answer = Rc::new(RefCell::new(None));
+        let place = answer.clone();
+        module.ask(self.app.cx(), order, move |_, answer| *place.borrow_mut() = Some(answer));
+        self.run_ms(50);
+        answer.borrow_mut().take().expect("it was answered")
     }
 
     pub fn run_ms(&mut self, ms: u64) {

@@ -2,11 +2,11 @@
 
 use super::super::delivery::DropReason;
 use super::super::error::ProtocolError;
-use super::super::fragment::{Gathered, Pieces};
+use super::super::fragment::{Gathered, joined};
 use super::super::limits::{FRAGMENT_BYTES_MIN, MAGIC, VERSION, VERSION_OLDEST};
 use super::super::{ChannelRef, Command, Event, Flags, Form, Tagged};
 use super::{ChannelInfo, Credentials, Own, SatelliteCore, SatelliteEvent, latest};
-use bytes::{Bytes, BytesMut};
+use bytes::Bytes;
 use sk_flat::Name;
 
 impl SatelliteCore {
@@ -219,14 +219,4 @@ impl SatelliteCore {
         }
         Ok(())
     }
-}
-
-/// The whole message; the one piece of most messages is handed on as it is.
-fn joined(mut pieces: Pieces) -> Bytes {
-    if pieces.len() == 1 {
-        return std::mem::take(&mut pieces[0]);
-    }
-    let mut whole = BytesMut::with_capacity(pieces.iter().map(Bytes::len).sum());
-    pieces.iter().for_each(|piece| whole.extend_from_slice(piece));
-    whole.freeze()
 }

@@ -163,6 +163,11 @@ impl SatelliteCore {
         self.user.as_ref()
     }
 
+    /// The id of this connection at the hub, 0 before the login.
+    pub fn connection(&self) -> u64 {
+        self.connection
+    }
+
     /// The channel of a full name, for a flow.
     pub fn channel(&self, name: &str) -> Option<&ChannelInfo> {
         self.channels.get(self.names.get(name)?)

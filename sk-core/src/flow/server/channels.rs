@@ -9,6 +9,7 @@ use super::super::limits::{
 use super::super::{
     ChannelKind, ChannelRef, Encoded, Event, Flags, Form, Message, Policy, Properties, Right, State,
 };
+use super::connection::Incoming;
 use super::{ConnectionId, Notice, ServerCore, Subscriber, Subscribers, owning_flow};
 use sk_flat::Name;
 
@@ -67,12 +68,20 @@ impl ServerCore {
     /// # Errors
     /// `Exists`, `NoFreeChannel`, or `BadProperties` if they are not a map.
     pub fn open_channel(&mut self, name: Name, properties: Properties) -> Result<ChannelRef, RefusalCode> {
+        self.open_own(ChannelKind::Stream, name, properties)
+    }
+
+    /// Opens a channel of the hub's own.
+    pub(super) fn open_own(
+        &mut self,
+        kind: ChannelKind,
+        name: Name,
+        properties: Properties,
+    ) -> Result<ChannelRef, RefusalCode> {
         if !properties.is_map() {
             return Err(RefusalCode::BadProperties);
         }
-        let channel =
-            self.channels
-                .add(name, ChannelKind::Stream, Owner::Hub, properties, Subscribers::default())?;
+        let channel = self.channels.add(name, kind, Owner::Hub, properties, Subscribers::default())?;
         self.tell_added(channel, None);
         self.settle();
         Ok(channel)
@@ -109,6 +118,9 @@ impl ServerCore {
         reason: DropReason,
     ) {
         let Some((known, subscribers)) = self.channels.remove(channel) else { return };
+        if known.kind == ChannelKind::Service {
+            self.end_requests_to(channel, known.owner);
+        }
         for subscriber in subscribers.list {
             if let Some(connection) = self.connections.get_mut(subscriber.connection)
                 && let Some(counts) = connection.output.unsubscribe(channel, reason)
@@ -120,7 +132,7 @@ impl ServerCore {
             && let Some(connection) = self.connections.get_mut(owner)
         {
             connection.owned.retain(|owned| *owned != channel);
-            connection.gathering.forget(channel);
+            connection.gathering.forget(Incoming::Publish(channel));
         }
         let event = Event::ChannelRemoved { channel };
         self.tell_flows(channel, asked, |tag, _| event.encode(tag, Flags::NONE));

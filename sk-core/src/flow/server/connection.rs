@@ -5,10 +5,11 @@ use super::super::error::{ClosingReason, ProtocolError};
 use super::super::fragment::Gathering;
 use super::super::inbound::Inbound;
 use super::super::login::Nonce;
-use super::super::{ChannelRef, Command, Form};
+use super::super::{ChannelRef, Command, Form, State};
 use super::output::Output;
+use super::requests::RequestId;
 use sk_flat::{Instant, Name};
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::fmt;
 use std::net::IpAddr;
 
@@ -87,6 +88,26 @@ pub(super) struct Replay {
     pub(super) told: u32,
 }
 
+/// What an unfinished message of a client's is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Incoming {
+    /// Of a channel of its own.
+    Publish(ChannelRef),
+    /// The call with this tag.
+    Call(u32),
+    /// The answer to this request.
+    Answer(u64),
+}
+
+/// How far a call has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Call {
+    /// Its fragments come in.
+    Begun,
+    /// The owner of the service has it.
+    Open(RequestId),
+}
+
 /// All that a hub keeps of one connection.
 #[derive(Debug)]
 pub(super) struct Connection {
@@ -103,7 +124,11 @@ pub(super) struct Connection {
     pub(super) flow: Option<Name>,
     /// The form of values in the events of the flow.
     pub(super) form: Form,
-    pub(super) gathering: Gathering,
+    pub(super) gathering: Gathering<Incoming>,
+    /// The calls of this connection, by tag: those that it is sending and those that are open.
+    pub(super) calls: BTreeMap<u32, Call>,
+    /// The open requests to services of this connection's.
+    pub(super) serving: BTreeSet<RequestId>,
     pub(super) owned: Vec<ChannelRef>,
     pub(super) replay: Option<Replay>,
     /// Whether it waits for a turn.
@@ -139,6 +164,8 @@ impl Connection {
             flow: None,
             form: Form::Binary,
             gathering: Gathering::default(),
+            calls: BTreeMap::new(),
+            serving: BTreeSet::new(),
             owned: Vec::new(),
             replay: None,
             queued: false,
@@ -161,9 +188,22 @@ impl Connection {
         }
     }
 
-    /// Whether commands must wait: the connection ends, a list is being told, or its answers pile up.
+    /// Whether commands must wait: the connection ends, a list is being told, its answers pile up, or it is
+    /// synchronous and a call of it has no answer yet.
     pub(super) fn is_held(&self) -> bool {
+        self.is_unread() || self.awaits_answer()
+    }
+
+    /// Whether nothing more is to be read.
+    pub(super) fn is_unread(&self) -> bool {
         self.closing.is_some() || self.replay.is_some() || self.output.answers_pile_up()
+    }
+
+    /// Whether later commands wait for the answer to a call. It is read from all the same, so that its end is
+    /// seen; a client that waits for an answer sends little.
+    pub(super) fn awaits_answer(&self) -> bool {
+        self.inbound.state() == State::Synchronous
+            && (self.output.has_talks() || self.calls.values().any(|call| matches!(call, Call::Open(_))))
     }
 
     /// Whether input waits that has not been looked at.

@@ -10,11 +10,13 @@ use sk_flat::Instant;
 use std::collections::BTreeMap;
 
 impl ServerCore {
-    /// Looks at the deadlines of all connections, four times a second; the other calls return at once.
+    /// Ends the requests that had no answer in time, and looks at the deadlines of all connections, those four
+    /// times a second.
     pub fn tick(&mut self, now: Instant) {
         self.now = now;
+        self.end_late_requests();
         if now < self.next_check {
-            return;
+            return self.settle();
         }
         self.next_check = now + CHECK_INTERVAL;
         for id in self.connections.ids() {
@@ -25,7 +27,9 @@ impl ServerCore {
 
     /// When [`tick`](ServerCore::tick) wants to be called next.
     pub fn next_deadline(&self) -> Instant {
-        self.next_check
+        self.requests
+            .next_deadline()
+            .map_or(self.next_check, |deadline| deadline.min(self.next_check))
     }
 
     fn check(&mut self, id: ConnectionId) {

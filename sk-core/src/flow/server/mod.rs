@@ -12,6 +12,7 @@
 //! Once a round the loop calls [`ServerCore::work`] for commands that waited for their turn and
 //! [`ServerCore::tick`] for deadlines.
 
+mod books;
 mod channels;
 mod connection;
 mod deadlines;
@@ -19,12 +20,16 @@ mod login;
 mod notice;
 mod output;
 mod publish;
+mod requests;
+mod services;
+mod talk;
 #[cfg(test)]
 mod tests;
 mod turn;
 
 pub use connection::{ConnectionId, Ending, Origin};
 pub use notice::Notice;
+pub use requests::RequestId;
 
 use super::channel::{Channel, Owner, Registry};
 use super::definition::Encoded;
@@ -40,8 +45,9 @@ use super::wire::Slices;
 use super::{ChannelRef, Event, Message, State};
 use connection::{Connection, Connections};
 use notice::LogLimit;
+use requests::Requests;
 use sk_flat::{Instant, Name};
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use thiserror::Error;
 
 /// How a hub lets people in.
@@ -114,6 +120,11 @@ pub struct ServerCore {
     /// How many connections wait for their login.
     waiting: usize,
     late_fragments: u64,
+    /// The open requests to services.
+    requests: Requests,
+    /// Those of them that the hub itself is to answer.
+    serving: BTreeSet<RequestId>,
+    unmatched_answers: u64,
     spurious: u64,
     log: LogLimit,
     now: Instant,
@@ -136,6 +147,9 @@ impl ServerCore {
             ended: Counts::default(),
             waiting: 0,
             late_fragments: 0,
+            requests: Requests::default(),
+            serving: BTreeSet::new(),
+            unmatched_answers: 0,
             spurious: 0,
             log: LogLimit::new(LOG_LINES_PER_SECOND_MAX),
             now,
@@ -179,8 +193,9 @@ impl ServerCore {
     /// Whether the transport should read more from this connection.
     pub fn wants_input(&self, id: ConnectionId) -> bool {
         self.connections.get(id).is_some_and(|connection| {
-            !connection.is_held()
+            !connection.is_unread()
                 && !connection.queued
+                && connection.parts.is_empty()
                 && connection.inbound.pending() <= 2 * FRAGMENT_BYTES_MAX
         })
     }
@@ -294,7 +309,8 @@ impl ServerCore {
         sum
     }
 
-    /// How many fragments came for channels that were gone or not their sender's, and were dropped.
+    /// How many fragments came for channels that were gone or not their sender's, or for calls that were over,
+    /// and were dropped.
     pub fn late_fragments(&self) -> u64 {
         self.late_fragments
     }
@@ -368,8 +384,9 @@ impl ServerCore {
         }
     }
 
-    /// Removes what belongs to a connection: its channels and its subscriptions.
+    /// Removes what belongs to a connection: its calls, its channels and its subscriptions.
     fn clear(&mut self, id: ConnectionId, reason: DropReason) {
+        self.end_calls_of(id);
         let Some(connection) = self.connections.get_mut(id) else { return };
         let owned = std::mem::take(&mut connection.owned);
         let subscribed = connection.output.channels();

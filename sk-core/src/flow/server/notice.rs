@@ -2,6 +2,8 @@
 
 use super::super::ChannelRef;
 use super::connection::{ConnectionId, Ending};
+use super::requests::RequestId;
+use bytes::Bytes;
 use sk_flat::{Instant, Name};
 
 /// Something that happened in the hub, for whoever runs it.
@@ -50,6 +52,22 @@ pub enum Notice {
     StopPublishing {
         /// Its reference.
         channel: ChannelRef,
+    },
+    /// Somebody asks a service of the hub's own.
+    Request {
+        /// The service.
+        channel: ChannelRef,
+        /// To be answered with [`ServerCore::answer_own`](super::ServerCore::answer_own).
+        request: RequestId,
+        /// Who asks.
+        asker: ConnectionId,
+        /// What.
+        payload: Bytes,
+    },
+    /// Nobody waits any more for the answer to a request to a service of the hub's own.
+    RequestOver {
+        /// Which.
+        request: RequestId,
     },
 }
 

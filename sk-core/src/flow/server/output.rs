@@ -5,6 +5,7 @@ use super::super::definition::Encoded;
 use super::super::delivery::{Book, Counts, DropReason, Outgoing};
 use super::super::limits::{CONNECTION_BYTES_MAX, CONTROL_BYTES_MAX, FRAGMENT_BYTES_MAX, WIRE_BYTES_AHEAD};
 use super::super::wire::Wire;
+use super::talk::{Talk, TalkKey, Talks};
 use rustc_hash::FxHashMap;
 use slab::Slab;
 use std::collections::VecDeque;
@@ -18,6 +19,17 @@ pub(super) enum Note {
         slot: usize,
         serial: u64,
     },
+    /// The frame ended a message of a service's, which was charged this.
+    EndsTalk {
+        charge: usize,
+    },
+}
+
+/// Who sends the next fragment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Turn {
+    Subscription(usize),
+    Talk(TalkKey),
 }
 
 #[derive(Debug)]
@@ -40,9 +52,11 @@ pub(super) struct Output {
     subscriptions: Slab<Subscription>,
     slots: FxHashMap<ChannelRef, usize>,
     serial: u64,
-    /// Subscriptions with something to send, in turn: one fragment each.
-    turns: VecDeque<usize>,
-    /// What all subscriptions together are charged.
+    /// Requests and replies for this connection.
+    talks: Talks,
+    /// Subscriptions, requests and replies with something to send, in turn: one fragment each.
+    turns: VecDeque<Turn>,
+    /// What all subscriptions, requests and replies together are charged.
     bytes: usize,
     pub(super) fragment_bytes_max: usize,
     /// Whether messages were dropped that the subscriber was not told of.
@@ -58,6 +72,7 @@ impl Default for Output {
             subscriptions: Slab::new(),
             slots: FxHashMap::default(),
             serial: 0,
+            talks: Talks::default(),
             turns: VecDeque::new(),
             bytes: 0,
             fragment_bytes_max: FRAGMENT_BYTES_MAX,
@@ -103,6 +118,13 @@ impl Output {
         self.slots.contains_key(&channel)
     }
 
+    /// Every subscription with its counts.
+    pub(super) fn books(&self) -> impl Iterator<Item = (ChannelRef, &Counts)> {
+        self.subscriptions
+            .iter()
+            .map(|(_, subscription)| (subscription.channel, subscription.book.counts()))
+    }
+
     pub(super) fn subscriptions(&self) -> usize {
         self.subscriptions.len()
     }
@@ -120,7 +142,7 @@ impl Output {
         let slot = self.slots.remove(&channel)?;
         let subscription = self.subscriptions.try_remove(slot)?;
         if subscription.in_turn {
-            self.turns.retain(|turn| *turn != slot);
+            self.turns.retain(|turn| *turn != Turn::Subscription(slot));
         }
         self.bytes -= subscription.book.bytes();
         Some(subscription.book.close(reason))
@@ -148,8 +170,42 @@ impl Output {
         self.has_losses |= book.counts().dropped_in_all() != dropped;
         if book.is_ready() && !subscription.in_turn {
             subscription.in_turn = true;
-            self.turns.push_back(slot);
+            self.turns.push_back(Turn::Subscription(slot));
         }
+    }
+
+    /// Queues a request or a reply; `false` if the connection has as many bytes waiting as it may.
+    pub(super) fn talk(&mut self, talk: Talk) -> bool {
+        if self.bytes + talk.charge() > CONNECTION_BYTES_MAX {
+            return false;
+        }
+        self.bytes += talk.charge();
+        let key = talk.key();
+        if self.talks.push(talk) {
+            self.turns.push_back(Turn::Talk(key));
+        }
+        true
+    }
+
+    /// Queues a control frame that must not overtake the replies before it.
+    pub(super) fn control_after(&mut self, key: TalkKey, frame: Encoded) -> bool {
+        match self.talks.close(key, frame) {
+            Ok(()) => true,
+            Err(frame) => self.control(frame),
+        }
+    }
+
+    /// Gives up what waits of a request or of the replies to a call. Answers whether the peer heard of it.
+    pub(super) fn end_talk(&mut self, key: TalkKey) -> bool {
+        let Some(ended) = self.talks.end(key) else { return true };
+        self.turns.retain(|turn| *turn != Turn::Talk(key));
+        self.bytes -= ended.charge;
+        ended.was_begun
+    }
+
+    /// Whether requests or replies wait.
+    pub(super) fn has_talks(&self) -> bool {
+        !self.talks.is_empty()
     }
 
     /// Tells a subscription's book of a message that its publisher gave up.
@@ -176,7 +232,8 @@ impl Output {
         losses
     }
 
-    /// Moves frames to the wire: control frames first, then one fragment of each subscription in turn.
+    /// Moves frames to the wire: control frames first, then one fragment of each subscription, request and
+    /// reply in turn.
     pub(super) fn fill(&mut self) {
         while self.wire.bytes() < WIRE_BYTES_AHEAD {
             if let Some(frame) = self.control.pop_front() {
@@ -184,7 +241,14 @@ impl Output {
                 self.wire.push(frame, Note::Nothing);
                 continue;
             }
-            let Some(slot) = self.turns.pop_front() else { return };
+            let slot = match self.turns.pop_front() {
+                None => return,
+                Some(Turn::Talk(key)) => {
+                    self.fill_from_talk(key);
+                    continue;
+                }
+                Some(Turn::Subscription(slot)) => slot,
+            };
             let Some(subscription) = self.subscriptions.get_mut(slot) else { continue };
             if let Some((frame, ends)) = subscription.book.next_frame(self.fragment_bytes_max) {
                 let serial = subscription.serial;
@@ -193,8 +257,17 @@ impl Output {
             }
             subscription.in_turn = subscription.book.is_ready();
             if subscription.in_turn {
-                self.turns.push_back(slot);
+                self.turns.push_back(Turn::Subscription(slot));
             }
+        }
+    }
+
+    fn fill_from_talk(&mut self, key: TalkKey) {
+        let Some((frame, ended)) = self.talks.next_frame(key, self.fragment_bytes_max) else { return };
+        self.wire
+            .push(frame, ended.map_or(Note::Nothing, |charge| Note::EndsTalk { charge }));
+        if self.talks.is_ready(key) {
+            self.turns.push_back(Turn::Talk(key));
         }
     }
 
@@ -232,6 +305,9 @@ impl Output {
 
 /// A message is delivered when the transport took its last byte, unless its subscription has ended.
 fn ended(subscriptions: &mut Slab<Subscription>, bytes: &mut usize, note: Note) {
+    if let Note::EndsTalk { charge } = note {
+        *bytes -= charge;
+    }
     if let Note::EndsMessage { slot, serial } = note
         && let Some(subscription) = subscriptions.get_mut(slot)
         && subscription.serial == serial

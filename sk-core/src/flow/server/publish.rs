@@ -6,6 +6,7 @@ use super::super::error::{ProtocolError, RefusalCode};
 use super::super::fragment::{Gathered, Pieces, cut};
 use super::super::limits::{FRAGMENT_BYTES_MAX, MESSAGE_BYTES_MAX};
 use super::super::{ChannelRef, Flags};
+use super::connection::Incoming;
 use super::{ConnectionId, ServerCore};
 use bytes::Bytes;
 
@@ -36,7 +37,10 @@ impl ServerCore {
         }
         let Some(connection) = self.connections.get_mut(id) else { return Ok(()) };
         let bytes_max = connection.inbound.message_bytes_max();
-        match connection.gathering.take(channel, message, flags, payload, bytes_max)? {
+        match connection
+            .gathering
+            .take(Incoming::Publish(channel), message, flags, payload, bytes_max)?
+        {
             Gathered::More | Gathered::Ignored => {}
             Gathered::Whole(pieces) => self.fan_out(channel, message, pieces),
             Gathered::Aborted => self.abort(channel),

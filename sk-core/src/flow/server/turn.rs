@@ -5,6 +5,7 @@ use super::super::error::{ProtocolError, RefusalCode};
 use super::super::limits::TURN_COST_MAX;
 use super::super::{ChannelKind, Command, Event, Flags, Message};
 use super::channels::Wish;
+use super::services::{AnswerPiece, CallPiece};
 use super::{ConnectionId, ServerCore};
 use sk_flat::Instant;
 
@@ -90,7 +91,7 @@ impl ServerCore {
         let Tagged { tag, flags, message } = tagged;
         let Some(connection) = self.connections.get(id) else { return Ok(()) };
         if !connection.rights.has(message.definition().right) {
-            self.refuse(id, tag, RefusalCode::Denied);
+            self.refuse_once(id, tag, flags, &message, RefusalCode::Denied);
             return Ok(());
         }
         match message {
@@ -125,15 +126,33 @@ impl ServerCore {
             Command::Publish { channel, message, payload } => {
                 self.publish(id, tag, flags, super::publish::Piece { channel, message, payload })?;
             }
-            message => self.not_offered(id, tag, flags, &message),
+            Command::CreateService { name, properties } => {
+                self.create_channel(id, tag, ChannelKind::Service, &name, properties);
+            }
+            Command::Call { channel, deadline_ms, payload } => {
+                self.call(id, tag, flags, CallPiece { channel, deadline_ms, payload })?;
+            }
+            Command::Answer { request, more, payload } => {
+                self.answer_request(id, flags, AnswerPiece { request, more, payload })?;
+            }
+            Command::Decline { request, text } => self.decline(id, request, text),
+            Command::Cancel { call } => self.cancel(id, call),
+            message => self.refuse_once(id, tag, flags, &message, RefusalCode::NotOffered),
         }
         Ok(())
     }
 
-    /// A command of a part that this hub does not have. A message in fragments is refused once.
-    fn not_offered(&mut self, id: ConnectionId, tag: u32, flags: Flags, command: &Command) {
+    /// Refuses a command; a message in fragments once.
+    fn refuse_once(
+        &mut self,
+        id: ConnectionId,
+        tag: u32,
+        flags: Flags,
+        command: &Command,
+        code: RefusalCode,
+    ) {
         if !command.definition().fragment || flags.has(Flags::FIRST) {
-            self.refuse(id, tag, RefusalCode::NotOffered);
+            self.refuse(id, tag, code);
         }
     }
 }

@@ -112,6 +112,13 @@ impl Handle<SkFlowSat> {
         known.unwrap_or_default()
     }
 
+    /// The id of the present connection at its hub, by which the hub names the owner of channels; `None` while
+    /// there is no link that was let in.
+    pub fn connection(self, cx: &mut Cx) -> Option<u64> {
+        let id = cx.with(self, |satellite, _| satellite.core.as_ref().map(|core| core.connection()));
+        id.ok().flatten().filter(|id| *id != 0)
+    }
+
     /// The same satellite for one module: its channels' names begin with the module's.
     pub fn flow(self, module: &str) -> Flow {
         Flow::new(self, module)

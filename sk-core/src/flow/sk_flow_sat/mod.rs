@@ -4,7 +4,7 @@ mod commands;
 mod events;
 
 use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteError, SatelliteEvent};
-use super::transport::{Broken, Core, Link, PipeSeed, TURN_BYTES_MAX, Turn};
+use super::transport::{Broken, Core, Link, PipeSeed, TURN_BYTES_MAX, Turn, dial};
 use super::wire::Slices;
 use super::{ChannelRef, Encoded, FlowMessage, HubAddress};
 use crate::eventloop::Timer;
@@ -53,7 +53,7 @@ const RECONNECT_MAX: Duration = Duration::from_secs(5);
 pub struct SkFlowSat {
     way: Way,
     core: Option<SatelliteCore>,
-    link: Option<Link>,
+    link: Option<Box<dyn Link>>,
     token: Option<Token>,
     waiting: Option<Encoded>,
     room: Vec<u8>,
@@ -189,8 +189,8 @@ impl SkFlowSat {
         let pipe = seed.grow();
         pipe.serve_by(cx, token);
         // It was made just now.
-        let _ = cx
-            .with(satellite, |satellite, cx| satellite.begin(cx, Link::Pipe(pipe), token, Credentials::Peer));
+        let _ =
+            cx.with(satellite, |satellite, cx| satellite.begin(cx, Box::new(pipe), token, Credentials::Peer));
         satellite
     }
 
@@ -245,10 +245,10 @@ impl SkFlowSat {
 
     fn open_link(&mut self, cx: &mut Cx) {
         let Way::Address { to, credentials } = &self.way else { return };
-        let (endpoint, credentials) = (to.endpoint(), credentials.clone());
+        let credentials = credentials.clone();
         let token = cx.add_source(cx.this(self).id(), serve);
-        match cx.world().net.connect(&endpoint, token) {
-            Ok(stream) => self.begin(cx, Link::Socket(stream), token, credentials),
+        match dial(cx, to, token) {
+            Ok(link) => self.begin(cx, link, token, credentials),
             Err(error) => {
                 cx.remove_source(token);
                 self.break_link(cx, error.to_string());
@@ -256,7 +256,7 @@ impl SkFlowSat {
         }
     }
 
-    fn begin(&mut self, cx: &mut Cx, link: Link, token: Token, credentials: Credentials) {
+    fn begin(&mut self, cx: &mut Cx, link: Box<dyn Link>, token: Token, credentials: Credentials) {
         let mut nonce = [0; 32];
         cx.world().rng.fill(&mut nonce);
         self.core = Some(SatelliteCore::flow(credentials, nonce, cx.now()));
@@ -272,7 +272,7 @@ impl SkFlowSat {
             cx.remove_source(token);
         }
         if let Some(link) = self.link.take() {
-            link.close();
+            link.close(cx);
         }
         if let Some(core) = self.core.take() {
             self.losses += core.lost();
@@ -318,7 +318,7 @@ impl SkFlowSat {
     fn on_destroy(&mut self, cx: &mut Cx) {
         self.flush(cx);
         if let Some(link) = self.link.take() {
-            link.close();
+            link.close(cx);
         }
     }
 
@@ -350,9 +350,8 @@ impl SkFlowSat {
             return Turn::Done;
         }
         let (Some(core), Some(mut link)) = (&mut self.core, self.link.take()) else { return Turn::Done };
-        if let Link::Socket(stream) = &mut link
-            && readiness.writable
-            && let Err(error) = stream.connected()
+        if readiness.writable
+            && let Err(error) = link.connected()
         {
             self.link = Some(link);
             self.break_link(cx, error.to_string());

@@ -1,6 +1,7 @@
 //! Names in the simulated network: who listens where, and which port is free.
 
 use super::endpoint::address;
+use super::faults::Held;
 use super::sim_socket::{End, Kind, Mailbox, Phase, Waiting};
 use super::switch::Switch;
 use super::wire::{Delivery, Medium, SocketId};
@@ -64,6 +65,7 @@ impl Switch {
             }
             Endpoint::Unix(_) => at.clone(),
         };
+        self.dark.remove(&at);
         let waiting = Waiting { at: at.clone(), ends: VecDeque::new() };
         let id = self.add(share, Some(token), Kind::Listener(waiting));
         self.listening.insert(at.clone(), id);
@@ -106,7 +108,7 @@ impl Switch {
                 self.client_ports.insert(port);
                 (Medium::Tcp, to, Some(port))
             }
-            Endpoint::Unix(_) if !self.listening.contains_key(to) => {
+            Endpoint::Unix(_) if !self.listening.contains_key(to) && !self.dark.contains(to) => {
                 return Err(io::ErrorKind::NotFound.into());
             }
             Endpoint::Unix(_) => (Medium::Unix, to.clone(), None),
@@ -116,9 +118,16 @@ impl Switch {
         end.port = port;
         let client = self.add(share, Some(token), Kind::Stream(end));
         let (transit, answer_after) = (self.wire.transit(medium), self.wire.transit(medium));
+        let there = self.listener_at(&to).and_then(|id| self.sockets.get(&id));
+        let machines = there.map(|there| (self.shares[share].machine, self.shares[there.share].machine));
         let wish = Delivery::Connect { client, to, answer_after };
-        let due = self.wire.carry(now, transit, now, wish);
-        if let Some(end) = self.end(client) {
+        let due = match machines.filter(|_| !self.ways.are_fine()) {
+            Some(machines) => {
+                self.send_over(machines, Held { from: Some(client), what: wish }, now, transit, now)
+            }
+            None => Some(self.wire.carry(now, transit, now, wish)),
+        };
+        if let (Some(end), Some(due)) = (self.end(client), due) {
             end.last_due = due;
         }
         Ok(client)

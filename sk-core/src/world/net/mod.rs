@@ -1,7 +1,10 @@
 //! Sockets and readiness.
 
 mod addresses;
+mod bell;
 mod endpoint;
+mod faults;
+mod machines;
 mod real;
 mod real_socket;
 mod real_token;
@@ -11,6 +14,9 @@ mod socket_file;
 mod switch;
 mod wire;
 
+pub(crate) use bell::SimulatedBell;
+pub use faults::LinkFaults;
+pub use machines::Death;
 pub use real::RealNet;
 pub(crate) use simulated::{Network, SIMULATED_UID};
 pub use simulated::{SimulatedNet, SimulatedShare};
@@ -84,10 +90,10 @@ pub trait Net {
     /// application's main loop asks for it, once, after [`block_os_signals`](Net::block_os_signals).
     fn watch_os_signals(&mut self, token: Token) -> io::Result<Box<dyn OsSignals>>;
 
-    /// Blocks SIGINT and SIGTERM for this thread and those it starts. Must come before the first thread.
+    /// Blocks SIGINT, SIGTERM and SIGHUP for this thread and those it starts. Must come before the first thread.
     fn block_os_signals(&mut self) -> io::Result<()>;
 
-    /// Gives SIGINT and SIGTERM their usual effect again on this thread: from now on they end the process at
+    /// Gives SIGINT, SIGTERM and SIGHUP their usual effect again on this thread: from now on they end the process at
     /// once. For a program that was asked to end once already, and may hang.
     fn release_os_signals(&mut self) -> io::Result<()>;
 }
@@ -99,6 +105,8 @@ pub enum OsSignal {
     Interrupt,
     /// SIGTERM: the service manager wants an end.
     Terminate,
+    /// SIGHUP: the terminal is gone, or somebody wants the configuration read again.
+    HangUp,
 }
 
 /// Arrived POSIX signals.
@@ -130,6 +138,15 @@ pub trait Stream {
 
     /// Writes the first bytes of `parts` in one system call and answers how many.
     fn write_vectored(&mut self, parts: &[io::IoSlice<'_>]) -> io::Result<usize>;
+
+    /// Writes what the stream itself holds back, answers to its own handshakes included. A socket holds
+    /// nothing; a layer over one (TLS, WebSocket) does.
+    ///
+    /// # Errors
+    /// `WouldBlock` while something is left: readiness to write is reported when more can go.
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
 
     /// Tells the peer that nothing more will be written.
     fn shutdown_write(&mut self) -> io::Result<()>;

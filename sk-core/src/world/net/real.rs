@@ -196,7 +196,8 @@ impl OsSignals for EndingSignals {
     fn take(&mut self) -> io::Result<Option<OsSignal>> {
         Ok(EndingSignals::take(self)?.map(|number| match number {
             libc::SIGINT => OsSignal::Interrupt,
-            // The set has two members.
+            libc::SIGHUP => OsSignal::HangUp,
+            // The set has three members.
             _ => OsSignal::Terminate,
         }))
     }

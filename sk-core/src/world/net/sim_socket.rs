@@ -31,6 +31,11 @@ pub(super) enum Kind {
     Stream(End),
     Datagrams(Mailbox),
     Signals,
+    /// One end of a pipe: whether it was rung since the last look, and when the last ring arrives.
+    Bell {
+        rung: bool,
+        last_due: Instant,
+    },
 }
 
 /// A listener's side.
@@ -194,6 +199,7 @@ impl Socket {
             Kind::Stream(end) => (end.is_readable(), end.is_writable()),
             Kind::Datagrams(mailbox) => (mailbox.is_readable(), true),
             Kind::Signals => (signals_pending, false),
+            Kind::Bell { rung, .. } => (*rung, false),
         }
     }
 }

@@ -1,6 +1,8 @@
 //! A network inside the process, driven by a virtual clock.
 
 use super::addresses::datagram_way;
+use super::faults::LinkFaults;
+use super::machines::Death;
 use super::sim_socket::{Kind, Phase};
 use super::switch::Switch;
 use super::wire::{Delivery, Medium, NetworkSettings, SocketId, Wire};
@@ -31,7 +33,7 @@ impl Network {
     }
 
     /// The switch at the present instant, with everything applied that has arrived by then.
-    fn at_present(&self) -> (MutexGuard<'_, Switch>, Instant) {
+    pub(super) fn at_present(&self) -> (MutexGuard<'_, Switch>, Instant) {
         let mut switch = self.switch.lock().unwrap_or_else(PoisonError::into_inner);
         let now = self.clock.now();
         switch.settle(now);
@@ -40,6 +42,27 @@ impl Network {
 
     pub(crate) fn raise(&self, signal: OsSignal) {
         self.at_present().0.raise(signal);
+    }
+
+    pub(crate) fn set_way(&self, from: usize, to: usize, faults: LinkFaults) {
+        self.at_present().0.ways.set(from, to, faults);
+    }
+
+    pub(crate) fn part(&self, from: usize, to: usize) {
+        self.at_present().0.ways.part(from, to);
+    }
+
+    pub(crate) fn heal(&self, from: usize, to: usize) {
+        let (mut switch, now) = self.at_present();
+        switch.heal(from, to, now);
+    }
+
+    pub(crate) fn reset(&self, one: usize, other: usize) {
+        self.at_present().0.reset(one, other);
+    }
+
+    pub(crate) fn end_machine(&self, machine: usize, death: Death) {
+        self.at_present().0.end_machine(machine, death);
     }
 }
 
@@ -60,8 +83,8 @@ pub struct SimulatedNet {
 }
 
 impl SimulatedNet {
-    pub(crate) fn new(network: Arc<Network>) -> SimulatedNet {
-        let share = network.at_present().0.add_share();
+    pub(crate) fn new(network: Arc<Network>, machine: usize) -> SimulatedNet {
+        let share = network.at_present().0.add_share(machine);
         SimulatedNet { network, share }
     }
 
@@ -79,6 +102,15 @@ impl SimulatedNet {
     fn open(&self, id: SocketId) -> Handle {
         Handle { network: self.network.clone(), id }
     }
+
+    /// The switch, for a process that lives.
+    fn alive(&self) -> io::Result<(MutexGuard<'_, Switch>, Instant)> {
+        let (switch, now) = self.network.at_present();
+        if switch.shares[self.share].dead {
+            return Err(io::ErrorKind::NetworkDown.into());
+        }
+        Ok((switch, now))
+    }
 }
 
 impl Net for SimulatedNet {
@@ -93,19 +125,19 @@ impl Net for SimulatedNet {
     }
 
     fn listen(&mut self, at: &Endpoint, token: Token) -> io::Result<Box<dyn Listener>> {
-        let (id, local) = self.network.at_present().0.listen(self.share, at, token)?;
+        let (id, local) = self.alive()?.0.listen(self.share, at, token)?;
         Ok(Box::new(SimulatedListener { socket: self.open(id), local }))
     }
 
     fn connect(&mut self, to: &Endpoint, token: Token) -> io::Result<Box<dyn Stream>> {
-        let (mut switch, now) = self.network.at_present();
+        let (mut switch, now) = self.alive()?;
         let id = switch.connect(self.share, to, token, now)?;
         drop(switch);
         Ok(Box::new(self.open(id)))
     }
 
     fn bind(&mut self, at: SocketAddr, token: Token) -> io::Result<Box<dyn Datagram>> {
-        let (id, local) = self.network.at_present().0.bind(self.share, at, token)?;
+        let (id, local) = self.alive()?.0.bind(self.share, at, token)?;
         Ok(Box::new(SimulatedDatagram { socket: self.open(id), local }))
     }
 
@@ -142,6 +174,15 @@ impl SimulatedShare {
     /// Whether a [`Wake`] was used since the loop's last wait.
     pub fn woken(&self) -> bool {
         self.network.at_present().0.is_woken(self.share)
+    }
+
+    /// The number of the machine it runs on.
+    pub fn machine(&self) -> usize {
+        self.network.at_present().0.shares[self.share].machine
+    }
+
+    pub(super) fn network(&self) -> &Arc<Network> {
+        &self.network
     }
 
     /// The number of the loop in its world, in order of creation.
@@ -226,10 +267,13 @@ impl Stream for Handle {
     fn write_vectored(&mut self, parts: &[io::IoSlice<'_>]) -> io::Result<usize> {
         let (mut switch, now) = self.network.at_present();
         let wanted = parts.iter().map(|part| part.len()).sum();
-        let count = switch.end(self.id).ok_or_else(gone)?.admit(wanted)?;
+        let count = switch.admit(self.id, wanted, now)?;
         if count > 0 {
-            let bytes: Vec<u8> = parts.iter().flat_map(|part| part.iter().copied()).take(count).collect();
-            switch.pass(self.id, now, |to| Delivery::Bytes { to, bytes });
+            let mut bytes = Vec::with_capacity(count);
+            for part in parts {
+                bytes.extend_from_slice(&part[..part.len().min(count - bytes.len())]);
+            }
+            switch.pass_bytes(self.id, now, bytes);
         }
         Ok(count)
     }
@@ -291,10 +335,10 @@ impl Datagram for SimulatedDatagram {
         }
         let (mut switch, now) = self.socket.network.at_present();
         let (from, to) = datagram_way(self.local, to);
-        let transit = switch.wire.transit(Medium::Udp);
-        switch
-            .wire
-            .carry(now, transit, now, Delivery::Datagram { to, from, bytes: datagram.to_vec() });
+        let share = switch.sockets.get(&self.socket.id).ok_or_else(gone)?.share;
+        let (machine, receiver) = (switch.shares[share].machine, switch.bound_at(to));
+        let what = Delivery::Datagram { to, from, bytes: datagram.to_vec() };
+        switch.pass_datagram(machine, now, (what, receiver));
         Ok(datagram.len())
     }
 }

@@ -1,16 +1,22 @@
 //! The simulated network in between: it knows every socket and applies what arrives.
 
 use super::endpoint::client_name;
+use super::faults::{Held, Ways};
 use super::sim_socket::{End, Ending, Kind, Phase, Socket};
 use super::wire::{Delivery, SocketId, Wire};
 use super::{Endpoint, OsSignal, Readiness, Token};
 use sk_flat::Instant;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::net::SocketAddr;
+use std::time::Duration;
 
 /// One loop's part.
 #[derive(Debug, Default)]
-struct Share {
+pub(super) struct Share {
+    /// The machine that its loop runs on.
+    pub(super) machine: usize,
+    /// Its process is no more.
+    pub(super) dead: bool,
     woken: bool,
     /// The sockets whose state has changed since the last look, in the order of their changes.
     changed: VecDeque<SocketId>,
@@ -27,8 +33,11 @@ pub(super) struct Switch {
     pub(super) client_ports: BTreeSet<u16>,
     pub(super) port_given_last: u16,
     sockets_made: u64,
-    shares: Vec<Share>,
+    pub(super) shares: Vec<Share>,
     pub(super) signals: VecDeque<OsSignal>,
+    pub(super) ways: Ways,
+    /// Where a machine listened that is gone without a word: nobody answers there.
+    pub(super) dark: BTreeSet<Endpoint>,
 }
 
 impl Switch {
@@ -43,11 +52,13 @@ impl Switch {
             sockets_made: 0,
             shares: Vec::new(),
             signals: VecDeque::new(),
+            ways: Ways::default(),
+            dark: BTreeSet::new(),
         }
     }
 
-    pub(super) fn add_share(&mut self) -> usize {
-        self.shares.push(Share::default());
+    pub(super) fn add_share(&mut self, machine: usize) -> usize {
+        self.shares.push(Share { machine, ..Share::default() });
         self.shares.len() - 1
     }
 
@@ -90,6 +101,9 @@ impl Switch {
                 && (readable || writable)
             {
                 ready.push(Readiness { token, readable, writable });
+            }
+            if let Kind::Bell { rung, .. } = &mut socket.kind {
+                *rung = false;
             }
         }
     }
@@ -139,6 +153,7 @@ impl Switch {
             Delivery::Bytes { to, .. } | Delivery::Finished { to } | Delivery::Closed { to, .. } => {
                 is_ours(to).map(|_| due)
             }
+            Delivery::Ring { to } => is_ours(to).map(|_| due),
             Delivery::Credit { to, .. } => is_ours(to)
                 .filter(|s| matches!(&s.kind, Kind::Stream(end) if end.starved))
                 .map(|_| due),
@@ -159,12 +174,14 @@ impl Switch {
     fn arrive(&mut self, at: Instant, what: Delivery) {
         let to = match what {
             Delivery::Connect { client, to, answer_after } => {
-                let answer = if self.meet(client, &to, at + answer_after) {
-                    Delivery::Connected { client }
-                } else {
-                    Delivery::Refused { client }
-                };
-                self.wire.carry(at, answer_after, at, answer);
+                self.answer_wish(client, &to, at, answer_after);
+                return;
+            }
+            Delivery::Ring { to } => {
+                if let Some(Kind::Bell { rung, .. }) = self.sockets.get_mut(&to).map(|s| &mut s.kind) {
+                    *rung = true;
+                    self.changed(to);
+                }
                 return;
             }
             Delivery::Datagram { to, from, bytes } => {
@@ -185,6 +202,9 @@ impl Switch {
             | Delivery::Credit { to, .. } => to,
         };
         let Some(end) = self.end(to) else { return };
+        if end.ending == Some(Ending::Reset) || end.phase == Phase::Refused {
+            return;
+        }
         let mut tells = true;
         match what {
             Delivery::Connected { .. } => end.phase = Phase::Open,
@@ -199,10 +219,38 @@ impl Switch {
                 end.credit += bytes;
                 tells = std::mem::take(&mut end.starved);
             }
-            Delivery::Connect { .. } | Delivery::Datagram { .. } => {}
+            Delivery::Connect { .. } | Delivery::Datagram { .. } | Delivery::Ring { .. } => {}
         }
         if tells {
             self.changed(to);
+        }
+    }
+
+    /// A wish to connect arrives, and the answer leaves; none where a machine is gone without a word.
+    fn answer_wish(&mut self, client: SocketId, to: &Endpoint, at: Instant, answer_after: Duration) {
+        let listener = self.listener_at(to);
+        if listener.is_none() && self.dark.contains(to) {
+            return;
+        }
+        let machine_of = |id: SocketId| self.sockets.get(&id).map(|socket| self.shares[socket.share].machine);
+        let machines = listener.and_then(machine_of).zip(machine_of(client));
+        let refuse = machines.is_some_and(|(here, there)| self.ways.faults(there, here).refuse);
+        let answer = if !refuse && self.meet(client, to, at + answer_after) {
+            Delivery::Connected { client }
+        } else {
+            Delivery::Refused { client }
+        };
+        let made = self.end(client).and_then(|end| end.other);
+        match machines.filter(|_| !self.ways.are_fine()) {
+            Some(machines) => {
+                let due = self.send_over(machines, Held { from: made, what: answer }, at, answer_after, at);
+                if let (Some(end), Some(due)) = (made.and_then(|made| self.end(made)), due) {
+                    end.last_due = end.last_due.max(due);
+                }
+            }
+            None => {
+                self.wire.carry(at, answer_after, at, answer);
+            }
         }
     }
 
@@ -242,17 +290,6 @@ impl Switch {
         }
     }
 
-    /// Sends something from one end of a stream to the other, behind what was sent before.
-    pub(super) fn pass(&mut self, from: SocketId, now: Instant, what: impl FnOnce(SocketId) -> Delivery) {
-        let Some(end) = self.end(from) else { return };
-        let (Some(other), medium, last_due) = (end.other, end.medium, end.last_due) else { return };
-        let transit = self.wire.transit(medium);
-        let due = self.wire.carry(now, transit, last_due, what(other));
-        if let Some(end) = self.end(from) {
-            end.last_due = due;
-        }
-    }
-
     /// Removes a socket whose handle was dropped, and tells the other side.
     pub(super) fn close(&mut self, id: SocketId, now: Instant) {
         if let Some(end) = self.end(id) {
@@ -274,7 +311,7 @@ impl Switch {
             Kind::Datagrams(mailbox) => {
                 self.bound.remove(&mailbox.at);
             }
-            Kind::Stream(_) | Kind::Signals => {}
+            Kind::Stream(_) | Kind::Signals | Kind::Bell { .. } => {}
         }
     }
 

@@ -24,6 +24,8 @@ pub struct NetworkSettings {
     pub unix_latency: Duration,
     /// From one UDP socket to another.
     pub udp_latency: Duration,
+    /// From one end of a pipe inside a process to the other.
+    pub pipe_latency: Duration,
     /// Up to this much is added to each latency, drawn from the seed. Streams keep their order;
     /// datagrams may overtake each other.
     pub jitter_max: Duration,
@@ -38,6 +40,7 @@ impl Default for NetworkSettings {
             tcp_latency: Duration::from_micros(50),
             unix_latency: Duration::from_micros(5),
             udp_latency: Duration::from_micros(50),
+            pipe_latency: Duration::from_micros(1),
             jitter_max: Duration::ZERO,
             window_bytes: 64 * 1024,
         }
@@ -54,6 +57,7 @@ pub(super) enum Medium {
     Tcp,
     Unix,
     Udp,
+    Pipe,
 }
 
 /// One thing on its way.
@@ -76,13 +80,31 @@ pub(super) enum Delivery {
     Credit { to: SocketId, bytes: usize },
     /// A datagram.
     Datagram { to: SocketAddr, from: SocketAddr, bytes: Vec<u8> },
+    /// The other end of a pipe has something.
+    Ring { to: SocketId },
+}
+
+impl Delivery {
+    /// The socket it goes to, where that is known.
+    pub(super) fn receiver(&self) -> Option<SocketId> {
+        match self {
+            Delivery::Connect { .. } | Delivery::Datagram { .. } => None,
+            Delivery::Connected { client: to }
+            | Delivery::Refused { client: to }
+            | Delivery::Bytes { to, .. }
+            | Delivery::Finished { to }
+            | Delivery::Closed { to, .. }
+            | Delivery::Credit { to, .. }
+            | Delivery::Ring { to } => Some(*to),
+        }
+    }
 }
 
 /// Everything under way, in order of arrival.
 #[derive(Debug)]
 pub(super) struct Wire {
     settings: NetworkSettings,
-    rng: SimulatedRng,
+    pub(super) rng: SimulatedRng,
     sent: u64,
     under_way: BTreeMap<(Instant, u64), Delivery>,
 }
@@ -102,6 +124,7 @@ impl Wire {
             Medium::Tcp => self.settings.tcp_latency,
             Medium::Unix => self.settings.unix_latency,
             Medium::Udp => self.settings.udp_latency,
+            Medium::Pipe => self.settings.pipe_latency,
         };
         if self.settings.jitter_max.is_zero() {
             return latency;
@@ -126,6 +149,11 @@ impl Wire {
         self.sent += 1;
         self.under_way.insert((due, self.sent), what);
         due
+    }
+
+    /// Drops what is under way and fulfils `gone`.
+    pub(super) fn forget(&mut self, gone: impl Fn(&Delivery) -> bool) {
+        self.under_way.retain(|_, what| !gone(what));
     }
 
     /// The next thing that has arrived by `now`, and when it did.

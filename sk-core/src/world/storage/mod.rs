@@ -1,8 +1,11 @@
 //! Durable files.
 
+mod disk_faults;
 mod real;
+mod sim_disk;
 mod simulated;
 
+pub use disk_faults::DiskFaults;
 pub use real::RealStorage;
 pub use simulated::SimulatedStorage;
 

@@ -1,11 +1,13 @@
 //! Files that live in memory and know what a power cut would leave of them.
 
+use super::disk_faults::{DiskFaults, Operation};
+use super::sim_disk::{Change, Contents, Disk, Node};
 use super::{Storage, StoredFile};
-use crate::world::Rng;
 use crate::world::net::SIMULATED_UID;
-use std::collections::BTreeMap;
+use crate::world::{Rng, SimulatedRng};
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 const FILE_MODE: u32 = 0o600;
@@ -33,54 +35,8 @@ const FOLDER_MODE: u32 = 0o700;
 #[derive(Debug, Default)]
 pub struct SimulatedStorage {
     disk: Arc<Mutex<Disk>>,
-}
-
-#[derive(Debug, Default)]
-struct Disk {
-    names: BTreeMap<PathBuf, Node>,
-    files: BTreeMap<u64, Contents>,
-    files_made: u64,
-    /// How often the power was cut: a handle from before has no process any more.
-    power_cuts: u64,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Node {
-    Folder,
-    File(u64),
-}
-
-/// A file's bytes as programs see them, and what is needed to know what the disk has.
-#[derive(Debug, Default)]
-struct Contents {
-    bytes: Vec<u8>,
-    durable: Vec<u8>,
-    /// The changes since the last synchronisation, in order.
-    unsynced: Vec<Change>,
-    /// Open handles: a removed file lives as long as it has one.
-    handles: usize,
-    removed: bool,
-}
-
-#[derive(Debug)]
-enum Change {
-    Write { offset: usize, bytes: Vec<u8> },
-    SetLen(usize),
-}
-
-impl Change {
-    fn apply(&self, to: &mut Vec<u8>) {
-        match self {
-            Change::Write { offset, bytes } => {
-                let end = offset + bytes.len();
-                if to.len() < end {
-                    to.resize(end, 0);
-                }
-                to[*offset..end].copy_from_slice(bytes);
-            }
-            Change::SetLen(len) => to.resize(*len, 0),
-        }
-    }
+    /// The process it was given to; `None` for whoever runs the simulation.
+    life: Option<u64>,
 }
 
 impl SimulatedStorage {
@@ -89,31 +45,60 @@ impl SimulatedStorage {
         SimulatedStorage::default()
     }
 
+    /// The same disk for the process that runs now. It answers errors when that process is no more.
+    pub fn for_process(&self) -> SimulatedStorage {
+        SimulatedStorage { disk: self.disk.clone(), life: Some(self.disk().life) }
+    }
+
+    /// How the disk misbehaves from now on, by chances drawn from `rng`.
+    pub fn set_faults(&self, faults: DiskFaults, rng: SimulatedRng) {
+        let mut disk = self.disk();
+        disk.faults = faults;
+        disk.chances = Some(rng);
+    }
+
     /// The power fails: everything that was not synchronised is lost, and handles that are open answer
     /// errors from now on.
     pub fn power_cut(&self) {
-        self.cut(|| false);
+        self.cut(|_, _| ());
     }
 
-    /// The power fails while the disk is at work: each change that was not synchronised is by chance kept
-    /// or lost, as a whole and independently of the others, because a disk writes in the order it likes.
+    /// The power fails while the disk is at work: each change that was not synchronised is by chance kept, lost,
+    /// or torn at the border of a sector, independently of the others, because a disk writes in the order it
+    /// likes. A change within one sector is not torn.
     pub fn power_cut_by_chance(&self, rng: &mut dyn Rng) {
-        self.cut(|| rng.next_u64() >> 63 == 1);
+        self.cut(|change, durable| change.apply_by_chance(durable, rng));
     }
 
-    fn cut(&self, mut survives: impl FnMut() -> bool) {
+    fn cut(&self, mut survive: impl FnMut(Change, &mut Vec<u8>)) {
         let mut disk = self.disk();
-        disk.power_cuts += 1;
+        disk.begin_life();
         disk.files.retain(|_, file| !file.removed);
         for file in disk.files.values_mut() {
             for change in std::mem::take(&mut file.unsynced) {
-                if survives() {
-                    change.apply(&mut file.durable);
-                }
+                survive(change, &mut file.durable);
             }
             file.bytes.clone_from(&file.durable);
-            file.handles = 0;
         }
+    }
+
+    /// The process ends and the machine goes on: what was written stays, and its handles answer errors.
+    pub(crate) fn end_process(&self) {
+        let mut disk = self.disk();
+        disk.begin_life();
+        disk.files.retain(|_, file| !file.removed);
+    }
+
+    /// The present process ends after that many further operations; what it does later fails.
+    pub(crate) fn give_out_after(&self, operations: u64) {
+        self.disk().operations_left = Some(operations);
+    }
+
+    /// The disk, for one operation.
+    fn admitted(&self, what: Operation) -> io::Result<MutexGuard<'_, Disk>> {
+        let mut disk = self.disk();
+        disk.admit(self.life, what)?;
+        Ok(disk)
     }
 
     fn disk(&self) -> MutexGuard<'_, Disk> {
@@ -121,66 +106,12 @@ impl SimulatedStorage {
     }
 }
 
-impl Disk {
-    fn node(&self, path: &Path) -> io::Result<Node> {
-        if path.as_os_str().is_empty() || path == Path::new("/") {
-            return Ok(Node::Folder);
-        }
-        self.names.get(path).copied().ok_or_else(|| io::ErrorKind::NotFound.into())
-    }
-
-    fn file(&self, path: &Path) -> io::Result<u64> {
-        match self.node(path)? {
-            Node::File(id) => Ok(id),
-            Node::Folder => Err(io::ErrorKind::IsADirectory.into()),
-        }
-    }
-
-    /// Checks that a name can be made at `path`.
-    fn check_parent(&self, path: &Path) -> io::Result<()> {
-        if path.file_name().is_none() {
-            return Err(io::ErrorKind::InvalidInput.into());
-        }
-        match self.node(path.parent().unwrap_or(Path::new("")))? {
-            Node::Folder => Ok(()),
-            Node::File(_) => Err(io::ErrorKind::NotADirectory.into()),
-        }
-    }
-
-    fn make_file(&mut self, path: &Path, bytes: &[u8]) -> u64 {
-        self.files_made += 1;
-        let contents = Contents { bytes: bytes.to_vec(), durable: bytes.to_vec(), ..Contents::default() };
-        self.files.insert(self.files_made, contents);
-        self.put(path, Node::File(self.files_made));
-        self.files_made
-    }
-
-    /// Gives a name to a node; the file that had it before lives on only in its open handles.
-    fn put(&mut self, path: &Path, node: Node) {
-        if let Some(Node::File(before)) = self.names.insert(path.to_owned(), node) {
-            self.unlink(before);
-        }
-    }
-
-    fn unlink(&mut self, id: u64) {
-        if let Some(file) = self.files.get_mut(&id) {
-            file.removed = true;
-            if file.handles == 0 {
-                self.files.remove(&id);
-            }
-        }
-    }
-
-    fn below(&self, folder: &Path) -> impl Iterator<Item = &PathBuf> {
-        self.names.keys().filter(move |name| name.parent() == Some(folder))
-    }
-}
-
 impl Storage for SimulatedStorage {
     fn open(&self, path: &Path, create: bool) -> io::Result<Arc<dyn StoredFile>> {
-        let mut disk = self.disk();
+        let mut disk = self.admitted(Operation::Read)?;
         let id = match disk.file(path) {
             Err(error) if create && error.kind() == io::ErrorKind::NotFound => {
+                disk.admit(self.life, Operation::Write { grows_by: 0 })?;
                 disk.check_parent(path)?;
                 disk.make_file(path, &[])
             }
@@ -189,11 +120,17 @@ impl Storage for SimulatedStorage {
         if let Some(file) = disk.files.get_mut(&id) {
             file.handles += 1;
         }
-        Ok(Arc::new(SimulatedFile { disk: self.disk.clone(), id, power_cuts: disk.power_cuts }))
+        let file = SimulatedFile {
+            disk: self.disk.clone(),
+            id,
+            life: disk.life,
+            sync_failed: AtomicBool::new(false),
+        };
+        Ok(Arc::new(file))
     }
 
     fn read(&self, path: &Path, bytes_max: u64) -> io::Result<Vec<u8>> {
-        let disk = self.disk();
+        let disk = self.admitted(Operation::Read)?;
         let file = disk.file(path)?;
         let bytes = disk.files.get(&file).map_or(&[][..], |file| &file.bytes);
         if bytes.len() as u64 > bytes_max {
@@ -203,7 +140,7 @@ impl Storage for SimulatedStorage {
     }
 
     fn replace(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
-        let mut disk = self.disk();
+        let mut disk = self.admitted(Operation::Write { grows_by: bytes.len() as u64 })?;
         disk.check_parent(path)?;
         if disk.node(path).is_ok_and(|node| node == Node::Folder) {
             return Err(io::ErrorKind::IsADirectory.into());
@@ -213,7 +150,7 @@ impl Storage for SimulatedStorage {
     }
 
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
-        let mut disk = self.disk();
+        let mut disk = self.admitted(Operation::Write { grows_by: 0 })?;
         let moved = disk.node(from)?;
         disk.check_parent(to)?;
         if from == to {
@@ -239,7 +176,7 @@ impl Storage for SimulatedStorage {
     }
 
     fn remove(&self, path: &Path) -> io::Result<()> {
-        let mut disk = self.disk();
+        let mut disk = self.admitted(Operation::Write { grows_by: 0 })?;
         let id = disk.file(path)?;
         disk.names.remove(path);
         disk.unlink(id);
@@ -247,7 +184,7 @@ impl Storage for SimulatedStorage {
     }
 
     fn create_dir(&self, path: &Path) -> io::Result<()> {
-        let mut disk = self.disk();
+        let mut disk = self.admitted(Operation::Write { grows_by: 0 })?;
         let mut missing = Vec::new();
         for folder in path.ancestors() {
             match disk.node(folder) {
@@ -262,7 +199,7 @@ impl Storage for SimulatedStorage {
     }
 
     fn list(&self, path: &Path) -> io::Result<Vec<PathBuf>> {
-        let disk = self.disk();
+        let disk = self.admitted(Operation::Look)?;
         if disk.node(path)? != Node::Folder {
             return Err(io::ErrorKind::NotADirectory.into());
         }
@@ -276,7 +213,7 @@ impl Storage for SimulatedStorage {
     }
 
     fn owner_and_mode(&self, path: &Path) -> io::Result<(u32, u32)> {
-        let mode = match self.disk().node(path)? {
+        let mode = match self.admitted(Operation::Look)?.node(path)? {
             Node::Folder => FOLDER_MODE,
             Node::File(_) => FILE_MODE,
         };
@@ -288,21 +225,23 @@ impl Storage for SimulatedStorage {
 struct SimulatedFile {
     disk: Arc<Mutex<Disk>>,
     id: u64,
-    power_cuts: u64,
+    life: u64,
+    /// As with the kernel, bytes of a failed synchronisation are lost though a later one would succeed.
+    sync_failed: AtomicBool,
 }
 
 impl SimulatedFile {
-    fn with<R>(&self, work: impl FnOnce(&mut Contents) -> io::Result<R>) -> io::Result<R> {
+    fn with<R>(&self, what: Operation, work: impl FnOnce(&mut Contents) -> io::Result<R>) -> io::Result<R> {
         let mut disk = self.disk.lock().unwrap_or_else(PoisonError::into_inner);
-        if disk.power_cuts != self.power_cuts {
-            return Err(io::Error::other("the power was cut since the file was opened"));
-        }
+        disk.admit(Some(self.life), what)?;
         let file = disk.files.get_mut(&self.id).ok_or(io::ErrorKind::NotFound)?;
         work(file)
     }
 
     fn change(&self, change: Change) -> io::Result<()> {
-        self.with(|file| {
+        let length = self.with(Operation::Look, |file| Ok(file.bytes.len()))?;
+        let grows_by = change.end().saturating_sub(length) as u64;
+        self.with(Operation::Write { grows_by }, |file| {
             change.apply(&mut file.bytes);
             file.unsynced.push(change);
             Ok(())
@@ -322,12 +261,12 @@ fn place(offset: u64, bytes: usize) -> io::Result<usize> {
 
 impl StoredFile for SimulatedFile {
     fn len(&self) -> io::Result<u64> {
-        self.with(|file| Ok(file.bytes.len() as u64))
+        self.with(Operation::Look, |file| Ok(file.bytes.len() as u64))
     }
 
     fn read_at(&self, offset: u64, into: &mut [u8]) -> io::Result<()> {
         let start = place(offset, into.len())?;
-        self.with(|file| {
+        self.with(Operation::Read, |file| {
             let bytes = file.bytes.get(start..start + into.len()).ok_or(io::ErrorKind::UnexpectedEof)?;
             into.copy_from_slice(bytes);
             Ok(())
@@ -344,18 +283,23 @@ impl StoredFile for SimulatedFile {
     }
 
     fn sync(&self) -> io::Result<()> {
-        self.with(|file| {
+        if self.sync_failed.load(Ordering::Relaxed) {
+            return Err(io::Error::other("an earlier synchronisation of this file failed"));
+        }
+        let synced = self.with(Operation::Sync, |file| {
             let Contents { durable, unsynced, .. } = file;
             unsynced.drain(..).for_each(|change| change.apply(durable));
             Ok(())
-        })
+        });
+        self.sync_failed.store(synced.is_err(), Ordering::Relaxed);
+        synced
     }
 }
 
 impl Drop for SimulatedFile {
     fn drop(&mut self) {
         let mut disk = self.disk.lock().unwrap_or_else(PoisonError::into_inner);
-        if disk.power_cuts != self.power_cuts {
+        if disk.life != self.life {
             return;
         }
         if let Some(file) = disk.files.get_mut(&self.id) {

@@ -60,6 +60,22 @@ impl SimulatedWorker {
         }
     }
 
+    /// The process ends: each job that waits is lost, done, or half done. For the last one `limit` is told how
+    /// many operations of the disk it gets before the process is no more.
+    pub(crate) fn give_up(&self, rng: &mut SimulatedRng, limit: impl Fn(u64)) {
+        let waiting = std::mem::take(&mut self.jobs().waiting);
+        for job in waiting.into_values() {
+            match rng.below(4) {
+                0 | 1 => drop(job),
+                2 => run_contained(job),
+                _ => {
+                    limit(rng.below(6));
+                    run_contained(job);
+                }
+            }
+        }
+    }
+
     fn jobs(&self) -> MutexGuard<'_, Jobs> {
         self.jobs.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -82,12 +82,12 @@ impl Visit {
         let address = arguments.hub.clone().unwrap_or_else(|| places.address());
         let credentials = match &address {
             HubAddress::Unix(_) => Credentials::Peer,
-            HubAddress::Tcp(_) => match owner::read(&world, &places).map_err(|error| error.to_string())? {
+            _ => match owner::read(&world, &places).map_err(|error| error.to_string())? {
                 Some(token) => Credentials::Token(token),
                 None => {
                     let path = places.token();
                     return Err(format!(
-                        "a hub over TCP asks for the owner's token, and there is none at {}: name the hub's state folder with --state-dir, or copy the token there",
+                        "a hub that is not reached over a Unix socket asks for the owner's token, and there is none at {}: name the hub's state folder with --state-dir, or copy the token there",
                         path.display()
                     ));
                 }

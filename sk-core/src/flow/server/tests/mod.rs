@@ -4,6 +4,8 @@ mod channels;
 mod deadlines;
 mod delivery;
 mod login;
+mod service_limits;
+mod services;
 
 use super::super::limits::*;
 use super::super::satellite::{Credentials, SatelliteCore, SatelliteEvent};
@@ -110,6 +112,46 @@ impl Raw {
             _ => None,
         });
         created.unwrap_or_else(|| panic!("no channel, but {events:?}"))
+    }
+
+    fn serve(&mut self, hub: &mut ServerCore, name: &str) -> ChannelRef {
+        self.send(hub, 77, &Command::CreateService { name: name.to_owned(), properties: no_properties() });
+        let events = tagged(&self.read(hub), 77);
+        match events.as_slice() {
+            [Event::ChannelAdded { channel, .. }] => *channel,
+            other => panic!("no service, but {other:?}"),
+        }
+    }
+
+    /// A call in one fragment with the default deadline.
+    fn call(&self, hub: &mut ServerCore, tag: u32, channel: ChannelRef, payload: &'static [u8]) {
+        let payload = Bytes::from_static(payload);
+        self.send_flagged(hub, tag, Flags::WHOLE, &Command::Call { channel, deadline_ms: 0, payload });
+    }
+
+    fn answer(&self, hub: &mut ServerCore, request: u64, more: u8, payload: &'static [u8]) {
+        let payload = Bytes::from_static(payload);
+        self.send_flagged(hub, 0, Flags::WHOLE, &Command::Answer { request, more, payload });
+    }
+
+    /// The ids of the requests that came.
+    fn requests(&mut self, hub: &mut ServerCore) -> Vec<u64> {
+        let events = messages(self.read(hub));
+        events
+            .iter()
+            .filter_map(|event| match event {
+                Event::Request { request, .. } => Some(*request),
+                _ => None,
+            })
+            .collect()
+    }
+
+    /// The only request that came.
+    fn request(&mut self, hub: &mut ServerCore) -> u64 {
+        match self.requests(hub).as_slice() {
+            [request] => *request,
+            other => panic!("one request was expected: {other:?}"),
+        }
     }
 
     fn subscribe(&mut self, hub: &mut ServerCore, channel: ChannelRef) {

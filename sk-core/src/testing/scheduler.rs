@@ -1,80 +1,23 @@
-//! The test kit: whole programs, several loops included, in a simulated world.
-//!
-//! All loops run on one thread in order of due time, ties broken by the seed. Time passes only between
-//! rounds, and inside a slot by [`Simulation::clock`]'s `advance`. The same seed gives the same
-//! [`trace_hash`](Simulation::trace_hash).
-//!
-//! ```
-//! use sk_core::prelude::*;
-//! use sk_core::testing::Simulation;
-//!
-//! #[derive(Default)]
-//! struct Counter { ticks: u64 }
-//! impl Counter {
-//!     fn on_tick(&mut self, _cx: &mut Cx) { self.ticks += 1 }
-//! }
-//! object! { Counter { slots { on_tick() } } }
-//!
-//! let run = |seed| {
-//!     let simulation = Simulation::new(seed);
-//!     let mut app = simulation.app();
-//!     let cx = app.cx();
-//!     let counter = cx.spawn(Counter::default());
-//!     attach!(cx, cx.fast_zone().pulse => counter.on_tick);
-//!     simulation.run_for(&mut app, Duration::from_secs(1));
-//!     (app.cx().with(counter, |c, _| c.ticks), simulation.trace_hash())
-//! };
-//! let (ticks, hash) = run(7);
-//! assert_eq!(ticks, Ok(99), "10 ms each, and a link made at 0 first fires in the second round");
-//! assert_eq!(hash, run(7).1);
-//! ```
+//! The order in which the loops of a simulation are stepped.
 
-pub use crate::sys::heap::CountingAllocator;
-
+use super::Trace;
 use crate::Cx;
-use crate::eventloop::{LoopSettings, Plan, SkApp, step};
-use crate::world::{Clock, OsSignal, Rng, SimulatedClock, SimulatedRng, SimulatedWorld};
+use crate::eventloop::{Plan, step};
+use crate::world::{Clock, Rng, SimulatedRng, SimulatedWorker, SimulatedWorld};
 use sk_flat::Instant;
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// The user id that every process of a simulated world has.
-pub const USER_ID: u32 = crate::world::net::SIMULATED_UID;
-
 /// The random stream that breaks ties, apart from those of loops.
 const TIES_STREAM: u64 = 1 << 40;
-
-/// A folded record of everything the loops of a simulation did.
-#[derive(Clone)]
-pub(crate) struct Trace {
-    hash: Rc<Cell<u64>>,
-    ordinal: u64,
-}
-
-impl Trace {
-    fn note(&self, parts: [u64; 4]) {
-        // FNV-1a over words: it need only tell two runs apart.
-        let mut hash = self.hash.get() ^ self.ordinal;
-        for part in parts {
-            hash = (hash ^ part).wrapping_mul(0x0000_0100_0000_01b3).rotate_left(23);
-        }
-        self.hash.set(hash);
-    }
-
-    pub(crate) fn round(&self, now: Instant, round: u64, tick: u64) {
-        self.note([1, now.as_nanos(), round, tick]);
-    }
-
-    pub(crate) fn call(&self, object: u64, slot: u64, calls: u64) {
-        self.note([2, object, slot, calls]);
-    }
-}
 
 /// The loops of a simulation and the order in which they are stepped.
 pub(crate) struct Scheduler {
     world: SimulatedWorld,
+    /// The machines whose workers are looked at, in the order in which their processes were started.
+    machines: RefCell<Vec<SimulatedWorld>>,
     loops: RefCell<Vec<Rc<RefCell<Cx>>>>,
     ties: RefCell<SimulatedRng>,
     hash: Rc<Cell<u64>>,
@@ -83,7 +26,49 @@ pub(crate) struct Scheduler {
 }
 
 impl Scheduler {
-    fn enroll(&self, cx: &mut Cx) {
+    pub(super) fn new(world: SimulatedWorld) -> Rc<Scheduler> {
+        Rc::new_cyclic(|own| Scheduler {
+            ties: RefCell::new(world.rng(TIES_STREAM)),
+            machines: RefCell::new(vec![world.clone()]),
+            world,
+            loops: RefCell::default(),
+            hash: Rc::new(Cell::new(0xcbf2_9ce4_8422_2325)),
+            ordinals: Cell::new(0),
+            own: own.clone(),
+        })
+    }
+
+    pub(super) fn world(&self) -> &SimulatedWorld {
+        &self.world
+    }
+
+    pub(super) fn trace_hash(&self) -> u64 {
+        self.hash.get()
+    }
+
+    /// A machine's worker is looked at from now on.
+    pub(super) fn add_machine(&self, machine: &SimulatedWorld) {
+        let mut machines = self.machines.borrow_mut();
+        if !machines.iter().any(|known| Arc::ptr_eq(known.worker(), machine.worker())) {
+            machines.push(machine.clone());
+        }
+    }
+
+    /// Drops every loop of a machine whose processes have died.
+    pub(super) fn drop_machine(&self, machine: &SimulatedWorld) {
+        self.machines
+            .borrow_mut()
+            .retain(|known| !Arc::ptr_eq(known.worker(), machine.worker()));
+        let number = machine.machine_number();
+        let theirs = |cx: &Rc<RefCell<Cx>>| {
+            let share = cx.try_borrow().ok().and_then(|cx| cx.world.simulated_share().cloned());
+            share.is_some_and(|share| share.machine() == number)
+        };
+        let dead: Vec<_> = self.loops.borrow_mut().extract_if(.., |cx| theirs(cx)).collect();
+        drop(dead);
+    }
+
+    pub(super) fn enroll(&self, cx: &mut Cx) {
         let ordinal = self.ordinals.get();
         self.ordinals.set(ordinal + 1);
         cx.trace = Some(Trace { hash: self.hash.clone(), ordinal });
@@ -115,7 +100,7 @@ impl Scheduler {
     }
 
     /// Steps whatever is due next, `app` included, unless that is after `until`.
-    fn step_until(&self, app: &mut Cx, until: Instant) -> bool {
+    pub(super) fn step_until(&self, app: &mut Cx, until: Instant) -> bool {
         let own_due = app.due();
         if self.step_one_before(own_due.min(until + Duration::from_nanos(1))) {
             return true;
@@ -131,15 +116,16 @@ impl Scheduler {
     /// Steps one loop, or completes blocking work, that is due before `own_due`; at the same moment the
     /// seed decides.
     fn step_one_before(&self, own_due: Instant) -> bool {
-        if let Some(due) = self.world.worker().next_due().filter(|due| *due <= own_due) {
-            let others_first = self.loops.borrow().iter().any(|cx| Self::due_of(cx) < due);
+        let next = self.next_loop();
+        if let Some((due, worker)) = self.next_work().filter(|(due, _)| *due <= own_due) {
+            let others_first = next.as_ref().is_some_and(|(first, _)| *first < due);
             if !others_first {
                 self.pass_to(due);
-                self.world.worker().run_due(due);
+                worker.run_due(due);
                 return true;
             }
         }
-        let Some((due, cx)) = self.next_loop() else { return false };
+        let Some((due, cx)) = next else { return false };
         let first = due < own_due || (due == own_due && self.ties.borrow_mut().next_u64() & 1 == 0);
         if !first {
             return false;
@@ -155,6 +141,20 @@ impl Scheduler {
             cx.borrow_mut().end();
         }
         true
+    }
+
+    /// Steps whatever is due next, unless that is after `until`.
+    pub(super) fn step_other(&self, until: Instant) -> bool {
+        self.step_one_before(until + Duration::from_nanos(1))
+    }
+
+    fn next_work(&self) -> Option<(Instant, Arc<SimulatedWorker>)> {
+        let machines = self.machines.borrow();
+        let due = machines
+            .iter()
+            .filter_map(|machine| Some((machine.worker().next_due()?, machine)));
+        let (due, machine) = due.min_by_key(|(due, _)| *due)?;
+        Some((due, machine.worker().clone()))
     }
 
     fn due_of(cx: &RefCell<Cx>) -> Instant {
@@ -173,78 +173,11 @@ impl Scheduler {
         (soonest < Instant::FAR).then(|| (soonest, loops[pick].clone()))
     }
 
-    fn pass_to(&self, due: Instant) {
+    pub(super) fn pass_to(&self, due: Instant) {
         let clock = self.world.clock();
         if due > clock.now() {
             clock.set(due);
         }
-    }
-}
-
-/// A simulated world with the loops that live in it.
-pub struct Simulation {
-    scheduler: Rc<Scheduler>,
-}
-
-impl Simulation {
-    /// A world at virtual time zero. Everything random in it follows from the seed.
-    pub fn new(seed: u64) -> Simulation {
-        Simulation::in_world(SimulatedWorld::new(seed))
-    }
-
-    /// As [`new`](Simulation::new), in a world made before.
-    pub fn in_world(world: SimulatedWorld) -> Simulation {
-        let scheduler = Rc::new_cyclic(|own| Scheduler {
-            ties: RefCell::new(world.rng(TIES_STREAM)),
-            world,
-            loops: RefCell::default(),
-            hash: Rc::new(Cell::new(0xcbf2_9ce4_8422_2325)),
-            ordinals: Cell::new(0),
-            own: own.clone(),
-        });
-        Simulation { scheduler }
-    }
-
-    /// An application in this world, with default settings. Threads it starts are loops of this world too.
-    pub fn app(&self) -> SkApp {
-        self.app_with(|_| {})
-    }
-
-    /// An application with settings of its own.
-    pub fn app_with(&self, change: impl FnOnce(&mut LoopSettings)) -> SkApp {
-        let mut settings = LoopSettings::default();
-        change(&mut settings);
-        let mut cx = Cx::new("main", self.scheduler.world.world(), settings);
-        self.scheduler.enroll(&mut cx);
-        cx.listen_for_os_signals();
-        SkApp::assemble(cx, Some(self.scheduler.clone()))
-    }
-
-    /// Runs everything for `span` of virtual time, or until the application quits.
-    pub fn run_for(&self, app: &mut SkApp, span: Duration) {
-        let until = self.clock().now() + span;
-        while !app.cx().is_quitting() && self.scheduler.step_until(app.cx(), until) {}
-        self.scheduler.pass_to(until);
-    }
-
-    /// The virtual clock. `advance` inside a slot makes that slot take time.
-    pub fn clock(&self) -> Arc<SimulatedClock> {
-        self.scheduler.world.clock().clone()
-    }
-
-    /// The world: its disk, its network, its workers.
-    pub fn world(&self) -> &SimulatedWorld {
-        &self.scheduler.world
-    }
-
-    /// Sends the application a POSIX signal.
-    pub fn raise(&self, signal: OsSignal) {
-        self.scheduler.world.raise(signal);
-    }
-
-    /// Tells two runs apart: rounds with their times and calls with their objects, in order, of all loops.
-    pub fn trace_hash(&self) -> u64 {
-        self.scheduler.hash.get()
     }
 }
 

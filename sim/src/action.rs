@@ -1,0 +1,142 @@
+//! What can happen to a node.
+
+use crate::script::{Words, number, words};
+use sk_core::world::Death;
+use std::fmt;
+
+/// What happens at one step. Those that do not fit the node's role or state do nothing, so that a script stays
+/// a script whatever is deleted from it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Action {
+    /// The node opens its channel of that number.
+    Open(u8),
+    /// It closes it.
+    Close(u8),
+    /// It subscribes to another node's channel: whose, which, and how many messages may wait (0: the hub's default).
+    Hear(u16, u8, u16),
+    /// It gives that subscription up.
+    Unhear(u16, u8),
+    /// It publishes that many messages of that many bytes on its channel.
+    Burst(u8, u16, u32),
+    /// It begins a message of that many bytes on its channel and gives it up.
+    Abort(u8, u32),
+    /// It reads no more than that many bytes every five milliseconds; 0 is as fast as they come.
+    Slow(u32),
+    /// It sends what no honest client sends, of that kind.
+    Wild(Wildness),
+    /// The way to the hub is late by microseconds, by chance later still, and cut into pieces of at most that size
+    /// (0: whole).
+    Link(u32, u32, u16),
+    /// The way refuses those who want to connect.
+    Refuse,
+    /// The way is in order again, and no partition is left.
+    Mend,
+    /// Nothing comes through any more: towards the hub, from the hub.
+    Part(bool, bool),
+    /// All connections with the hub break.
+    Reset,
+    /// The process ends without a word.
+    Die(Death),
+    /// It ends as it should.
+    Quit,
+    /// It is started again.
+    Start,
+}
+
+/// What a client can do that is not honest.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wildness {
+    /// Random bytes instead of a greeting.
+    Noise,
+    /// A header that announces gigabytes.
+    SizeBomb,
+    /// An honest login, and then random bytes.
+    LateNoise,
+    /// An honest login, and then a second greeting.
+    WrongState,
+    /// Half a frame, and then silence.
+    Half,
+    /// A login with a token that is not the hub's.
+    FalseToken,
+    /// An honest login, and then publishing on the channels of others.
+    Usurper,
+    /// An honest login, and then references to channels that never were.
+    Stale,
+}
+
+/// Their names in scripts.
+pub(crate) const WILDNESSES: [(Wildness, &str); 8] = [
+    (Wildness::Noise, "noise"),
+    (Wildness::SizeBomb, "size-bomb"),
+    (Wildness::LateNoise, "late-noise"),
+    (Wildness::WrongState, "wrong-state"),
+    (Wildness::Half, "half"),
+    (Wildness::FalseToken, "false-token"),
+    (Wildness::Usurper, "usurper"),
+    (Wildness::Stale, "stale"),
+];
+
+const DEATHS: [(Death, &str); 3] =
+    [(Death::Killed, "killed"), (Death::Vanished, "vanished"), (Death::PowerCut, "power-cut")];
+
+fn name_of<T: PartialEq>(names: &[(T, &'static str)], value: &T) -> &'static str {
+    names.iter().find(|(known, _)| known == value).map_or("?", |(_, name)| name)
+}
+
+fn named<T: Copy>(names: &[(T, &'static str)], words: &mut Words<'_>) -> Option<T> {
+    let word = words.next()?;
+    names.iter().find(|(_, name)| *name == word).map(|(value, _)| *value)
+}
+
+impl fmt::Display for Action {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Action::Open(channel) => words(f, "open", &[channel.into()]),
+            Action::Close(channel) => words(f, "close", &[channel.into()]),
+            Action::Hear(node, channel, depth) => {
+                words(f, "hear", &[node.into(), channel.into(), depth.into()])
+            }
+            Action::Unhear(node, channel) => words(f, "unhear", &[node.into(), channel.into()]),
+            Action::Burst(channel, count, bytes) => {
+                words(f, "burst", &[channel.into(), count.into(), bytes.into()])
+            }
+            Action::Abort(channel, bytes) => words(f, "abort", &[channel.into(), bytes.into()]),
+            Action::Slow(bytes) => words(f, "slow", &[bytes.into()]),
+            Action::Wild(kind) => write!(f, "wild {}", name_of(&WILDNESSES, &kind)),
+            Action::Link(delay, jitter, piece) => {
+                words(f, "link", &[delay.into(), jitter.into(), piece.into()])
+            }
+            Action::Refuse => f.write_str("refuse"),
+            Action::Mend => f.write_str("mend"),
+            Action::Part(out, back) => words(f, "part", &[out.into(), back.into()]),
+            Action::Reset => f.write_str("reset"),
+            Action::Die(death) => write!(f, "die {}", name_of(&DEATHS, &death)),
+            Action::Quit => f.write_str("quit"),
+            Action::Start => f.write_str("start"),
+        }
+    }
+}
+
+impl Action {
+    pub(crate) fn parse(words: &mut Words<'_>) -> Option<Action> {
+        Some(match words.next()? {
+            "open" => Action::Open(number(words)?),
+            "close" => Action::Close(number(words)?),
+            "hear" => Action::Hear(number(words)?, number(words)?, number(words)?),
+            "unhear" => Action::Unhear(number(words)?, number(words)?),
+            "burst" => Action::Burst(number(words)?, number(words)?, number(words)?),
+            "abort" => Action::Abort(number(words)?, number(words)?),
+            "slow" => Action::Slow(number(words)?),
+            "wild" => Action::Wild(named(&WILDNESSES, words)?),
+            "link" => Action::Link(number(words)?, number(words)?, number(words)?),
+            "refuse" => Action::Refuse,
+            "mend" => Action::Mend,
+            "part" => Action::Part(number::<u8>(words)? == 1, number::<u8>(words)? == 1),
+            "reset" => Action::Reset,
+            "die" => Action::Die(named(&DEATHS, words)?),
+            "quit" => Action::Quit,
+            "start" => Action::Start,
+            _ => return None,
+        })
+    }
+}

@@ -1,0 +1,176 @@
+//! A satellite as programs have it.
+
+use super::Identity;
+use crate::action::Action;
+use crate::ledger;
+use crate::stamp::{Origin, USER, channel_name, own_name};
+use sk_core::flow::satellite::ChannelInfo;
+use sk_core::flow::{ChannelRef, FlowMessage, SkFlowSat};
+use sk_core::prelude::*;
+use sk_flat::SkVariant;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// How often the undisturbed pair's first publishes.
+const SPEAKS_EVERY: Duration = Duration::from_millis(20);
+
+/// A program around an `SkFlowSat`.
+pub(crate) struct Member {
+    who: Identity,
+    hub: Handle<SkFlowSat>,
+    /// Every channel of that name that exists, as the hub's events tell.
+    known: BTreeMap<String, ChannelRef>,
+    own: BTreeSet<u8>,
+    wanted: BTreeSet<String>,
+    /// Of one that publishes all the time.
+    voice: Option<Handle<Timer>>,
+    pub(crate) ready: bool,
+}
+
+object! {
+    pub(crate) Member {
+        slots {
+            hear(&FlowMessage) added(&ChannelInfo) removed(&ChannelInfo) let_in() lose(&str) refused(&str) speak()
+        }
+    }
+}
+
+impl Member {
+    /// Starts the program around a satellite that was made just now.
+    pub(crate) fn start(cx: &mut Cx, who: Identity, hub: Handle<SkFlowSat>) -> Handle<Member> {
+        let member = cx.spawn(Member {
+            who,
+            hub,
+            known: BTreeMap::new(),
+            own: BTreeSet::new(),
+            wanted: BTreeSet::new(),
+            voice: None,
+            ready: false,
+        });
+        attach!(cx, hub.message => member.hear);
+        attach!(cx, hub.channel_added => member.added);
+        attach!(cx, hub.channel_removed => member.removed);
+        attach!(cx, hub.ready => member.let_in);
+        attach!(cx, hub.lost => member.lose);
+        attach!(cx, hub.refused => member.refused);
+        member
+    }
+
+    /// Publishes all the time from now on.
+    pub(crate) fn speak_always(cx: &mut Cx, this: Handle<Member>) {
+        let timer = cx.spawn(Timer::default());
+        attach!(cx, timer.timeout => this.speak);
+        // Both were made just now.
+        let _ = timer.start(cx, SPEAKS_EVERY);
+        let _ = cx.with(this, |member, _| member.voice = Some(timer));
+    }
+
+    pub(crate) fn act(&mut self, cx: &mut Cx, action: Action) {
+        match action {
+            Action::Open(channel) => {
+                self.own.insert(channel);
+                let properties = SkVariant::map([("format", SkVariant::from("stamp"))]);
+                // A name of ours is a name.
+                let _ = self.hub.open(cx, &own_name(self.who.node, channel), properties);
+            }
+            Action::Hear(node, channel, _) => {
+                let name = channel_name(node, channel);
+                let _ = self.hub.subscribe(cx, &name);
+                self.wanted.insert(name);
+            }
+            Action::Unhear(node, channel) => {
+                let name = channel_name(node, channel);
+                let _ = self.hub.unsubscribe(cx, &name);
+                self.wanted.remove(&name);
+                if let (Some(connection), Some(reference)) = (self.hub.connection(cx), self.known.get(&name))
+                {
+                    ledger::with(|ledger| ledger.gave_up(connection, *reference));
+                }
+            }
+            Action::Burst(channel, count, bytes) => {
+                for _ in 0..count {
+                    self.publish(cx, channel, bytes as usize);
+                }
+            }
+            Action::Quit => {
+                if let Some(timer) = self.voice.take() {
+                    cx.destroy_later(timer);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// What it should find at the hub: names of its channels, and names it hears.
+    pub(crate) fn wishes(&self) -> (Vec<String>, Vec<String>) {
+        let own = self.own.iter().map(|channel| channel_name(self.who.node, *channel));
+        (own.collect(), self.wanted.iter().cloned().collect())
+    }
+
+    /// The satellite behind.
+    pub(crate) fn hub(&self) -> Handle<SkFlowSat> {
+        self.hub
+    }
+
+    /// Its connection at the hub.
+    pub(crate) fn connection(&self, cx: &mut Cx) -> Option<u64> {
+        self.hub.connection(cx)
+    }
+
+    fn publish(&mut self, cx: &mut Cx, channel: u8, bytes: usize) {
+        let Some(reference) = self.known.get(&channel_name(self.who.node, channel)) else { return };
+        let origin = Origin { node: self.who.node, life: self.who.life, channel };
+        if !self.own.contains(&channel) {
+            return;
+        }
+        let stamp = ledger::with(|ledger| {
+            ledger.now = cx.clock_now();
+            ledger.next_stamp(origin, *reference)
+        });
+        if self
+            .hub
+            .publish_bytes(cx, &own_name(self.who.node, channel), stamp.message(bytes))
+        {
+            ledger::with(|ledger| ledger.was_published(&stamp));
+        }
+    }
+
+    fn speak(&mut self, cx: &mut Cx) {
+        self.publish(cx, 0, 64);
+    }
+
+    fn hear(&mut self, cx: &mut Cx, message: &FlowMessage) {
+        let connection = self.hub.connection(cx).unwrap_or(0);
+        ledger::with(|ledger| {
+            ledger.now = cx.clock_now();
+            let channel = (message.name(), message.channel().channel);
+            ledger.was_heard((self.who.node, self.who.life), connection, channel, message.payload());
+        });
+    }
+
+    fn added(&mut self, _: &mut Cx, info: &ChannelInfo) {
+        debug_assert!(info.name.starts_with(USER));
+        self.known.insert(info.name.clone(), info.channel);
+    }
+
+    fn removed(&mut self, _: &mut Cx, info: &ChannelInfo) {
+        if self.known.get(&info.name) == Some(&info.channel) {
+            self.known.remove(&info.name);
+        }
+    }
+
+    fn let_in(&mut self, cx: &mut Cx) {
+        self.ready = true;
+        ledger::with(|ledger| ledger.note(&[4, self.who.node.into(), cx.clock_now().as_nanos()]));
+    }
+
+    fn lose(&mut self, cx: &mut Cx, why: &str) {
+        self.ready = false;
+        self.known.clear();
+        let now = cx.clock_now().as_nanos();
+        ledger::with(|ledger| ledger.note(&[5, self.who.node.into(), why.len() as u64, now]));
+    }
+
+    fn refused(&mut self, _: &mut Cx, why: &str) {
+        ledger::with(|ledger| ledger.note(&[6, self.who.node.into(), why.len() as u64]));
+    }
+}

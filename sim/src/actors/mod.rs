@@ -1,0 +1,43 @@
+//! Those who take part in a run.
+
+mod member;
+mod plain;
+mod wild;
+
+pub(crate) use member::Member;
+pub(crate) use plain::Plain;
+pub(crate) use wild::Wild;
+
+use crate::script::Way;
+use sk_core::flow::HubAddress;
+use sk_core::flow::login::OwnerToken;
+use sk_core::flow::satellite::Credentials;
+use std::net::{Ipv4Addr, SocketAddr};
+
+/// Which life of which node an actor is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Identity {
+    pub(crate) node: u16,
+    pub(crate) life: u16,
+}
+
+/// The owner's token of every hub in a box.
+pub(crate) const TOKEN: [u8; 32] = [7; 32];
+const PORT: u16 = 4141;
+
+impl Way {
+    /// Where the hub is reached.
+    pub(crate) fn address(self) -> HubAddress {
+        match self {
+            Way::Tcp => HubAddress::Tcp(SocketAddr::new(Ipv4Addr::LOCALHOST.into(), PORT)),
+            Way::Unix => HubAddress::Unix("/run/hub.sock".into()),
+        }
+    }
+
+    pub(crate) fn credentials(self) -> Credentials {
+        match self {
+            Way::Tcp => Credentials::Token(OwnerToken::new(TOKEN)),
+            Way::Unix => Credentials::Peer,
+        }
+    }
+}

@@ -1,0 +1,319 @@
+//! An honest client of another make: the protocol's core over a plain socket.
+
+use super::Identity;
+use crate::action::Action;
+use crate::ledger::{self, Rule};
+use crate::script::Way;
+use crate::stamp::{Origin, channel_name, own_name};
+use bytes::Bytes;
+use sk_core::flow::satellite::{SatelliteCore, SatelliteEvent};
+use sk_core::flow::wire::WRITE_PARTS_MAX;
+use sk_core::flow::{ChannelRef, Command, Flags, Message};
+use sk_core::prelude::*;
+use sk_flat::SkVariant;
+use std::collections::BTreeMap;
+
+/// How often it looks at deadlines, and how often a slow reader reads.
+const LOOKS_EVERY: Duration = Duration::from_millis(100);
+const READS_EVERY: Duration = Duration::from_millis(5);
+/// How long it waits before it connects anew.
+const CONNECTS_AFTER: Duration = Duration::from_millis(300);
+/// Ids of messages that are given up lie apart from those of the core.
+const ABORTED_FROM: u32 = 1 << 31;
+/// The longest first fragment of a message that is given up.
+const FRAGMENT_BYTES_MAX: usize = 60_000;
+
+/// A program that speaks the protocol itself.
+pub(crate) struct Plain {
+    who: Identity,
+    way: Way,
+    timer: Handle<Timer>,
+    socket: Option<Handle<Socket>>,
+    core: Option<SatelliteCore>,
+    /// Every channel there is, in step with the events.
+    names: BTreeMap<ChannelRef, String>,
+    /// The channels it wants to have, with the reference of those it has.
+    own: BTreeMap<u8, Option<ChannelRef>>,
+    /// What it wants to hear, with the depth.
+    wanted: BTreeMap<String, u16>,
+    aborted: u32,
+    bytes_per_look: usize,
+    connect_at: Instant,
+    pub(crate) ready: bool,
+}
+
+object! { pub(crate) Plain { slots { look() hear() gone(&CloseReason) go_on() } } }
+
+impl Plain {
+    pub(crate) fn start(cx: &mut Cx, who: Identity, way: Way) -> Handle<Plain> {
+        cx.spawn_with(|cx, this: Handle<Plain>| {
+            let timer = cx.under(this).spawn(Timer::default());
+            attach!(cx, timer.timeout => this.look);
+            // It was made just now.
+            let _ = timer.start(cx, LOOKS_EVERY);
+            Plain {
+                who,
+                way,
+                timer,
+                socket: None,
+                core: None,
+                names: BTreeMap::new(),
+                own: BTreeMap::new(),
+                wanted: BTreeMap::new(),
+                aborted: ABORTED_FROM,
+                bytes_per_look: 0,
+                connect_at: Instant::ZERO,
+                ready: false,
+            }
+        })
+    }
+
+    pub(crate) fn act(&mut self, cx: &mut Cx, action: Action) {
+        let who = self.who;
+        let Some(core) = &mut self.core else { return self.wish(action) };
+        // Refused commands are told in the events; what cannot be asked now is asked when the link is there.
+        match action {
+            Action::Open(channel) if core.is_ready() && !self.own.contains_key(&channel) => {
+                let _ = core.create(&own_name(who.node, channel), &properties());
+            }
+            Action::Close(channel) => {
+                if let Some(Some(reference)) = self.own.get(&channel) {
+                    let _ = core.remove(*reference);
+                }
+            }
+            Action::Hear(node, channel, depth) if core.is_ready() => {
+                let _ = core.subscribe(&channel_name(node, channel), depth);
+            }
+            Action::Unhear(node, channel) => {
+                let name = channel_name(node, channel);
+                let _ = core.unsubscribe(&name);
+                let connection = core.connection();
+                if let Some((reference, _)) = self.names.iter().find(|(_, known)| **known == name) {
+                    ledger::with(|ledger| ledger.gave_up(connection, *reference));
+                }
+            }
+            Action::Burst(channel, count, bytes) => {
+                for _ in 0..count {
+                    self.publish(cx, channel, bytes as usize);
+                }
+            }
+            Action::Abort(channel, bytes) => self.abort(cx, channel, bytes as usize),
+            Action::Slow(bytes) => {
+                self.bytes_per_look = bytes as usize;
+                let every = if bytes == 0 { LOOKS_EVERY } else { READS_EVERY };
+                // It is this object's child.
+                let _ = self.timer.start(cx, every);
+                self.look(cx);
+            }
+            _ => {}
+        }
+        self.wish(action);
+        self.flush(cx);
+    }
+
+    /// Remembers what it wants from now on.
+    fn wish(&mut self, action: Action) {
+        match action {
+            Action::Open(channel) => {
+                self.own.entry(channel).or_default();
+            }
+            Action::Close(channel) => {
+                self.own.remove(&channel);
+            }
+            Action::Hear(node, channel, depth) => {
+                self.wanted.insert(channel_name(node, channel), depth);
+            }
+            Action::Unhear(node, channel) => {
+                self.wanted.remove(&channel_name(node, channel));
+            }
+            _ => {}
+        }
+    }
+
+    pub(crate) fn wishes(&self) -> (Vec<String>, Vec<String>) {
+        let own = self.own.keys().map(|channel| channel_name(self.who.node, *channel));
+        (own.collect(), self.wanted.keys().cloned().collect())
+    }
+
+    pub(crate) fn connection(&self) -> Option<u64> {
+        self.core.as_ref().map(SatelliteCore::connection).filter(|id| *id != 0)
+    }
+
+    fn publish(&mut self, cx: &mut Cx, channel: u8, bytes: usize) {
+        let (Some(core), Some(Some(reference))) = (&mut self.core, self.own.get(&channel)) else { return };
+        let origin = Origin { node: self.who.node, life: self.who.life, channel };
+        ledger::with(|ledger| {
+            ledger.now = cx.clock_now();
+            let stamp = ledger.next_stamp(origin, *reference);
+            if core.publish(*reference, stamp.message(bytes)) == Ok(true) {
+                ledger.was_published(&stamp);
+            }
+        });
+    }
+
+    /// Begins a message and gives it up, which the core never does by itself.
+    fn abort(&mut self, cx: &mut Cx, channel: u8, bytes: usize) {
+        self.flush(cx);
+        let (Some(core), Some(socket), Some(Some(reference))) =
+            (&self.core, self.socket, self.own.get(&channel))
+        else {
+            return;
+        };
+        // Behind a message of the core that is half out it would be dishonest.
+        if core.has_output() || !core.is_ready() {
+            return;
+        }
+        self.aborted += 1;
+        let publish = |payload| Command::Publish { channel: *reference, message: self.aborted, payload };
+        let first = publish(Bytes::from(vec![0; bytes.clamp(1, FRAGMENT_BYTES_MAX)]));
+        for frame in [first.encode(0, Flags::FIRST), publish(Bytes::new()).encode(0, Flags::ABORT)] {
+            // A socket that takes nothing any more is told as closed.
+            let _ = socket.write(cx, frame.to_vec());
+        }
+    }
+
+    fn connect(&mut self, cx: &mut Cx) {
+        self.connect_at = cx.now() + CONNECTS_AFTER;
+        let this = cx.this(self);
+        let Ok(socket) = Socket::connect_placed(cx.under(this), &self.way.address().endpoint()) else {
+            return;
+        };
+        attach!(cx, socket.readable => this.hear);
+        attach!(cx, socket.connected => this.go_on);
+        attach!(cx, socket.drained => this.go_on);
+        attach!(cx, socket.closed => this.gone);
+        let mut nonce = [0; 32];
+        cx.world().rng.fill(&mut nonce);
+        self.socket = Some(socket);
+        self.core = Some(SatelliteCore::flow(self.way.credentials(), nonce, cx.now()));
+        self.flush(cx);
+    }
+
+    fn look(&mut self, cx: &mut Cx) {
+        let now = cx.now();
+        match &mut self.core {
+            None if now >= self.connect_at => self.connect(cx),
+            None => {}
+            Some(core) => {
+                if core.tick(now).is_err() {
+                    return self.lose(cx);
+                }
+                self.read(cx);
+            }
+        }
+        self.flush(cx);
+    }
+
+    fn hear(&mut self, cx: &mut Cx) {
+        if self.bytes_per_look == 0 {
+            self.read(cx);
+            self.flush(cx);
+        }
+    }
+
+    fn read(&mut self, cx: &mut Cx) {
+        let mut room = [0; 16 * 1024];
+        let most = if self.bytes_per_look == 0 { room.len() } else { self.bytes_per_look.min(room.len()) };
+        while let (Some(socket), Some(core)) = (self.socket, &mut self.core) {
+            let Ok(count @ 1..) = socket.read(cx, &mut room[..most]) else { return };
+            if let Err(error) = core.receive(&room[..count], cx.now()) {
+                let text = format!("n{}: the hub sent what no hub sends: {error}", self.who.node);
+                ledger::with(|ledger| ledger.complain(Rule::Honest, text));
+                return self.lose(cx);
+            }
+            self.take_events(cx);
+            if self.bytes_per_look != 0 {
+                return;
+            }
+        }
+    }
+
+    fn take_events(&mut self, cx: &mut Cx) {
+        while let Some(event) = self.core.as_mut().and_then(SatelliteCore::next_event) {
+            match event {
+                SatelliteEvent::Ready => self.let_in(cx),
+                SatelliteEvent::ChannelAdded(info) => {
+                    self.names.insert(info.channel, info.name);
+                }
+                SatelliteEvent::Created { channel, name, .. } => {
+                    let mine =
+                        self.own.iter_mut().find(|(own, _)| channel_name(self.who.node, **own) == name);
+                    if let Some((_, reference)) = mine {
+                        *reference = Some(channel);
+                    }
+                }
+                SatelliteEvent::ChannelRemoved(info) => {
+                    self.names.remove(&info.channel);
+                    let mine = self.own.values_mut().find(|own| **own == Some(info.channel));
+                    if let Some(reference) = mine {
+                        *reference = None;
+                    }
+                }
+                SatelliteEvent::Message { channel, payload } => {
+                    let connection = self.connection().unwrap_or(0);
+                    let name = self.names.get(&channel).map_or("(nothing)", String::as_str);
+                    ledger::with(|ledger| {
+                        ledger.now = cx.clock_now();
+                        let who = (self.who.node, self.who.life);
+                        ledger.was_heard(who, connection, (name, channel), &payload);
+                    });
+                }
+                SatelliteEvent::Refused { code, .. } => {
+                    ledger::with(|ledger| ledger.note(&[7, self.who.node.into(), code.into()]));
+                }
+                _ => {}
+            }
+        }
+    }
+
+    fn let_in(&mut self, cx: &mut Cx) {
+        self.ready = true;
+        let Some(core) = &mut self.core else { return };
+        for channel in self.own.keys() {
+            let _ = core.create(&own_name(self.who.node, *channel), &properties());
+        }
+        for (name, depth) in &self.wanted {
+            let _ = core.subscribe(name, *depth);
+        }
+        ledger::with(|ledger| ledger.note(&[8, self.who.node.into(), cx.clock_now().as_nanos()]));
+    }
+
+    fn go_on(&mut self, cx: &mut Cx) {
+        self.flush(cx);
+    }
+
+    fn flush(&mut self, cx: &mut Cx) {
+        let (Some(core), Some(socket)) = (&mut self.core, self.socket) else { return };
+        // What waits in the socket goes first, so that it does not gather there.
+        while core.has_output() && socket.queued_bytes(cx) == Ok(0) {
+            let slices = core.slices(WRITE_PARTS_MAX);
+            let bytes: Vec<u8> = slices.iter().flat_map(|slice| slice.iter().copied()).collect();
+            let count = bytes.len();
+            drop(slices);
+            if count == 0 || socket.write(cx, bytes).is_err() {
+                return;
+            }
+            core.wrote(count);
+        }
+    }
+
+    fn gone(&mut self, cx: &mut Cx, _: &CloseReason) {
+        self.lose(cx);
+    }
+
+    fn lose(&mut self, cx: &mut Cx) {
+        if let Some(socket) = self.socket.take() {
+            cx.destroy_later(socket);
+        }
+        self.core = None;
+        self.ready = false;
+        self.names.clear();
+        self.own.values_mut().for_each(|reference| *reference = None);
+        self.connect_at = cx.now() + CONNECTS_AFTER;
+        ledger::with(|ledger| ledger.note(&[9, self.who.node.into(), cx.clock_now().as_nanos()]));
+    }
+}
+
+fn properties() -> SkVariant {
+    SkVariant::map([("format", SkVariant::from("stamp"))])
+}

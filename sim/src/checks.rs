@@ -1,0 +1,146 @@
+//! What is looked at from outside: the hub's books and registries, the loops' counters, the log.
+
+use crate::ledger::{self, Rule};
+use crate::run::{Run, Wishes, names_of};
+use crate::{log, script::Role};
+use sk_core::flow::server::ServerCore;
+use std::collections::BTreeMap;
+
+fn complain(rule: Rule, text: String) {
+    ledger::with(|ledger| ledger.complain(rule, text));
+}
+
+/// What holds at every moment.
+pub(crate) fn always(run: &Run<'_>) {
+    if let Some(error) = log::first_error() {
+        complain(Rule::Honest, format!("the log has an error: {error}"));
+    }
+    for (number, part) in &run.parts {
+        if let Some(node) = &part.node
+            && let counters = node.inspect(|cx| *cx.counters())
+            && counters.failures > 0
+        {
+            let text = format!(
+                "n{number}: {} slots failed, {} of them panicked",
+                counters.failures, counters.panics
+            );
+            complain(Rule::Panic, text);
+        }
+    }
+    look_at_hub(run, |core| {
+        let totals = core.totals();
+        if !totals.balance() {
+            complain(Rule::Books, format!("in total {totals:?}"));
+        }
+        for (connection, channel, counts) in core.subscriptions() {
+            if !counts.balance() {
+                complain(Rule::Books, format!("connection {connection}, channel {channel}: {counts:?}"));
+            }
+        }
+        let (spurious, wild) = (core.spurious(), ledger::with(|ledger| ledger.wild_sent));
+        if spurious > wild {
+            let last = log::last_warning().unwrap_or_default();
+            let text = format!("{spurious} connections were killed, {wild} misbehaved; the last: {last}");
+            complain(Rule::Honest, text);
+        }
+        let denied = ledger::with(|ledger| ledger.may_not_publish.clone());
+        for prefix in denied.into_iter().map(names_of) {
+            if core.channels().any(|(channel, _)| channel.name.as_str().starts_with(&prefix)) {
+                complain(Rule::Rights, format!("a channel {prefix}… exists, and its owner may not publish"));
+            }
+        }
+    });
+}
+
+fn look_at_hub(run: &Run<'_>, look: impl FnOnce(&ServerCore)) {
+    if let Some((node, server)) = run.hub() {
+        node.inspect(|cx| {
+            // Between rounds it is not leased.
+            let _ = cx.with(server, |server, _| look(server.core()));
+        });
+    }
+}
+
+/// What holds when nothing was wrong for long enough.
+pub(crate) fn calm(run: &Run<'_>) {
+    let wishes: BTreeMap<u16, Wishes> = run
+        .parts
+        .keys()
+        .filter_map(|number| Some((*number, run.wishes(*number)?)))
+        .collect();
+    for (number, wishes) in &wishes {
+        if !wishes.ready {
+            complain(Rule::Restored, format!("n{number} is not let in though nothing is wrong any more"));
+        }
+    }
+    look_at_hub(run, |core| {
+        for (number, wishes) in &wishes {
+            restored(core, run.parts[number].role, *number, wishes);
+        }
+        for (connection, channel, counts) in core.subscriptions() {
+            let key = (connection.wire(), channel);
+            let received = ledger::with(|ledger| ledger.received.get(&key).copied().unwrap_or_default());
+            let known = wishes.values().any(|wishes| wishes.connection == Some(key.0));
+            if counts.queued > 0 {
+                let text =
+                    format!("connection {connection}, channel {channel}: {} still wait", counts.queued);
+                complain(Rule::Books, text);
+            }
+            if known && !received.muddled && counts.delivered != received.count {
+                let text = format!(
+                    "connection {connection}, channel {channel}: {} delivered, {} received",
+                    counts.delivered, received.count
+                );
+                complain(Rule::Books, text);
+            }
+        }
+    });
+    if let Some((published, last)) = run.pair()
+        && last.map_or(0, |last| last + 2) < published
+    {
+        complain(
+            Rule::Bystander,
+            format!("{published} messages were published, the last heard was {last:?}"),
+        );
+    }
+}
+
+fn restored(core: &ServerCore, role: Role, number: u16, wishes: &Wishes) {
+    let (publish, subscribe) = match role {
+        Role::Inside { publish, subscribe, .. } => (publish, subscribe),
+        _ => (true, true),
+    };
+    for name in wishes.own.iter().filter(|_| publish) {
+        let owner = core.channels().find(|(channel, _)| channel.name.as_str() == name);
+        let owner = owner.map(|(channel, _)| channel.owner.wire());
+        if owner.is_none() || owner != wishes.connection {
+            complain(Rule::Restored, format!("n{number} has no channel {name} though it wants one"));
+        }
+    }
+    for name in wishes.wanted.iter().filter(|_| subscribe) {
+        let Some((channel, _)) = core.channels().find(|(channel, _)| channel.name.as_str() == name) else {
+            continue;
+        };
+        let there = core.subscriptions().any(|(connection, reference, _)| {
+            Some(connection.wire()) == wishes.connection && reference == channel.reference
+        });
+        if !there {
+            complain(Rule::Restored, format!("n{number} does not hear {name} though it wants to"));
+        }
+    }
+}
+
+/// What holds when everybody has left.
+pub(crate) fn reaped(run: &Run<'_>) {
+    look_at_hub(run, |core| {
+        let (connections, channels) = (core.connections(), core.channels().count());
+        let (subscriptions, queued) = (core.subscriptions().count(), core.totals().queued);
+        if connections + channels + subscriptions > 0 || queued > 0 {
+            let text = format!(
+                "everybody has left, and there are {connections} connections, {channels} channels, \
+                 {subscriptions} subscriptions, {queued} messages"
+            );
+            complain(Rule::Reaped, text);
+        }
+    });
+}

@@ -1,0 +1,208 @@
+//! Scripts by chance.
+//!
+//! Which kinds of things happen at all is drawn first, for each seed anew: a run in which few kinds happen often
+//! finds what a run with a little of everything does not.
+
+use crate::action::{Action, WILDNESSES};
+use crate::script::{Role, Script, Step, Way};
+use sk_core::world::{Death, Rng, SimulatedRng};
+
+/// The stream that scripts are drawn from, apart from all that runs draw from.
+const STREAM: u64 = 1 << 50;
+/// Channels of one node.
+const CHANNELS: u64 = 3;
+
+/// The script of a seed.
+pub fn script(seed: u64) -> Script {
+    let mut draw = Draw { rng: SimulatedRng::new(seed, STREAM) };
+    let nodes = draw.nodes();
+    let kinds = draw.kinds();
+    let actors: Vec<(u16, Role)> = nodes
+        .iter()
+        .copied()
+        .filter(|(_, role)| !matches!(role, Role::Hub | Role::Speaker | Role::Listener))
+        .collect();
+    let mut steps = Vec::new();
+    draw.beginnings(&mut steps, &actors);
+    // Everybody is let in by then, in most runs.
+    let mut at_us = 45_000;
+    for _ in 0..10 + draw.below(60) {
+        let (node, role) = actors[draw.below(actors.len() as u64) as usize];
+        let kind = kinds[draw.below(kinds.len() as u64) as usize];
+        draw.step(&mut steps, at_us, (node, role), kind, &actors);
+        at_us += if draw.one_in(3) { draw.below(200_000) } else { draw.below(5_000) };
+    }
+    steps.sort_by_key(|step| step.at_us);
+    Script { seed, nodes, steps }
+}
+
+/// A kind of thing that happens.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Channels,
+    Subscriptions,
+    Bursts,
+    LargeBursts,
+    Aborts,
+    Slowness,
+    Wildness,
+    Lateness,
+    Partitions,
+    Resets,
+    Refusals,
+    Deaths,
+    HubDeaths,
+}
+
+struct Draw {
+    rng: SimulatedRng,
+}
+
+impl Draw {
+    fn below(&mut self, limit: u64) -> u64 {
+        self.rng.below(limit)
+    }
+
+    fn one_in(&mut self, count: u64) -> bool {
+        self.rng.next_u64() % count == 0
+    }
+
+    fn way(&mut self) -> Way {
+        if self.one_in(2) { Way::Tcp } else { Way::Unix }
+    }
+
+    fn nodes(&mut self) -> Vec<(u16, Role)> {
+        let mut nodes = vec![(0, Role::Hub), (1, Role::Speaker), (2, Role::Listener)];
+        for number in 3..5 + self.below(4) as u16 {
+            let role = match self.below(8) {
+                0..3 => Role::Satellite(self.way()),
+                3..6 => Role::Plain(self.way()),
+                6 => Role::Inside {
+                    thread: self.one_in(2),
+                    publish: !self.one_in(3),
+                    subscribe: !self.one_in(3),
+                },
+                _ => Role::Wild,
+            };
+            nodes.push((number, role));
+        }
+        nodes
+    }
+
+    fn kinds(&mut self) -> Vec<Kind> {
+        let sometimes = [
+            Kind::LargeBursts,
+            Kind::Aborts,
+            Kind::Slowness,
+            Kind::Wildness,
+            Kind::Lateness,
+            Kind::Partitions,
+            Kind::Resets,
+            Kind::Refusals,
+            Kind::Deaths,
+        ];
+        let mut kinds =
+            vec![Kind::Channels, Kind::Subscriptions, Kind::Subscriptions, Kind::Bursts, Kind::Bursts];
+        kinds.extend(sometimes.into_iter().filter(|_| self.one_in(2)));
+        if self.one_in(8) {
+            kinds.push(Kind::HubDeaths);
+        }
+        kinds
+    }
+
+    /// Most have something to say and somebody to hear from the start.
+    fn beginnings(&mut self, steps: &mut Vec<Step>, actors: &[(u16, Role)]) {
+        for &(node, role) in actors.iter().filter(|(_, role)| *role != Role::Wild) {
+            let at_us = 25_000 + self.below(10_000);
+            for channel in 0..self.below(CHANNELS) as u8 {
+                steps.push(Step { at_us, node, action: Action::Open(channel) });
+            }
+            for _ in 0..self.below(4) {
+                let at_us = 25_000 + self.below(20_000);
+                self.step(steps, at_us, (node, role), Kind::Subscriptions, actors);
+            }
+        }
+    }
+
+    fn step(
+        &mut self,
+        steps: &mut Vec<Step>,
+        at_us: u64,
+        (node, role): (u16, Role),
+        kind: Kind,
+        actors: &[(u16, Role)],
+    ) {
+        let mut add = |at_us, node, action| steps.push(Step { at_us, node, action });
+        let channel = self.below(CHANNELS) as u8;
+        if role == Role::Wild {
+            return add(
+                at_us,
+                node,
+                Action::Wild(WILDNESSES[self.below(WILDNESSES.len() as u64) as usize].0),
+            );
+        }
+        let other = actors[self.below(actors.len() as u64) as usize].0;
+        let later = at_us + 1000 + self.below(700_000);
+        match kind {
+            Kind::Channels if self.one_in(4) => add(at_us, node, Action::Close(channel)),
+            Kind::Channels => add(at_us, node, Action::Open(channel)),
+            Kind::Subscriptions if self.one_in(5) => add(at_us, node, Action::Unhear(other, channel)),
+            Kind::Subscriptions => {
+                let depth = [0, 1, 3, 1024][self.below(4) as usize];
+                add(at_us, node, Action::Hear(other, channel, depth));
+            }
+            Kind::Bursts => {
+                add(
+                    at_us,
+                    node,
+                    Action::Burst(channel, 1 + self.below(20) as u16, 30 + self.below(300) as u32),
+                );
+            }
+            Kind::LargeBursts => {
+                let bytes = 1000 << self.below(9);
+                add(at_us, node, Action::Burst(channel, 1 + self.below(6) as u16, bytes));
+            }
+            Kind::Aborts => add(at_us, node, Action::Abort(channel, self.below(5000) as u32)),
+            Kind::Slowness => {
+                add(at_us, node, Action::Slow(1 + self.below(400) as u32));
+                add(later, node, Action::Slow(0));
+            }
+            Kind::Wildness => {}
+            Kind::Lateness => {
+                let piece = [0, 3, 50, 1400][self.below(4) as usize];
+                let (delay, jitter) = (self.below(100_000), self.below(50_000));
+                add(at_us, node, Action::Link(delay as u32, jitter as u32, piece));
+                add(later, node, Action::Mend);
+            }
+            Kind::Partitions => {
+                let out = self.one_in(2);
+                add(at_us, node, Action::Part(out, !out || self.one_in(2)));
+                let end = if self.one_in(4) { Action::Reset } else { Action::Mend };
+                // Some last longer than a hub waits for a silent peer.
+                let longer = if self.one_in(4) { self.below(8_000_000) } else { 0 };
+                add(later + longer, node, end);
+                add(later + longer, node, Action::Mend);
+            }
+            Kind::Resets => add(at_us, node, Action::Reset),
+            Kind::Refusals => {
+                add(at_us, node, Action::Refuse);
+                add(at_us, node, Action::Reset);
+                add(later, node, Action::Mend);
+            }
+            Kind::Deaths => self.death(steps, at_us, node),
+            Kind::HubDeaths => self.death(steps, at_us, 0),
+        }
+    }
+
+    fn death(&mut self, steps: &mut Vec<Step>, at_us: u64, node: u16) {
+        let action = match self.below(4) {
+            0 => Action::Die(Death::Killed),
+            1 => Action::Die(Death::Vanished),
+            2 => Action::Die(Death::PowerCut),
+            _ => Action::Quit,
+        };
+        steps.push(Step { at_us, node, action });
+        let after = at_us + 1 + self.below(500_000);
+        steps.push(Step { at_us: after, node, action: Action::Start });
+    }
+}

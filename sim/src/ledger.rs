@@ -1,0 +1,200 @@
+//! What everybody in a box has seen, and what is wrong with it.
+//!
+//! A run is one thread, and so is its ledger: actors on any loop of the run write into the same one.
+
+use crate::stamp::{Origin, Stamp, channel_name};
+use sk_core::flow::ChannelRef;
+use sk_flat::Instant;
+use std::cell::RefCell;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+use std::time::Duration;
+
+/// How late a message of the undisturbed pair may be.
+const BYSTANDER_LATENESS_MAX: Duration = Duration::from_millis(5);
+
+/// What must hold, whatever happens.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Rule {
+    /// Offered = delivered + dropped + queued, and what was delivered was received.
+    Books,
+    /// What arrives was published on that very channel, whole.
+    Delivery,
+    /// It arrives in the order of publishing, and once.
+    Order,
+    /// The undisturbed pair loses nothing and waits for nobody.
+    Bystander,
+    /// Whoever has gone leaves nothing behind.
+    Reaped,
+    /// Whoever is honest finds his channels and subscriptions again.
+    Restored,
+    /// Nobody does what he has no right to.
+    Rights,
+    /// An honest client is never killed as spurious, and an honest hub is understood.
+    Honest,
+    /// Nothing panics.
+    Panic,
+    /// A hub that is asked to end ends.
+    Ended,
+}
+
+/// A rule that was broken: the first of a run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Complaint {
+    /// Which.
+    pub rule: Rule,
+    /// How.
+    pub text: String,
+    /// When, in virtual time.
+    pub at: Instant,
+}
+
+impl fmt::Display for Complaint {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:?} at {:.3} ms: {}", self.rule, self.at.as_nanos() as f64 / 1e6, self.text)
+    }
+}
+
+/// What a receiver has of one subscription.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Received {
+    pub(crate) count: u64,
+    /// The subscription was given up and made again: two books share the count.
+    pub(crate) muddled: bool,
+}
+
+/// The record of one run.
+#[derive(Debug, Default)]
+pub(crate) struct Ledger {
+    pub(crate) complaint: Option<Complaint>,
+    trace: u64,
+    /// The next sequence of each origin.
+    published: BTreeMap<Origin, u64>,
+    /// The last sequence that each life of a node heard of each origin.
+    heard: BTreeMap<((u16, u16), Origin), u64>,
+    /// By connection and channel.
+    pub(crate) received: BTreeMap<(u64, ChannelRef), Received>,
+    pub(crate) may_not_hear: BTreeSet<u16>,
+    pub(crate) may_not_publish: BTreeSet<u16>,
+    /// The undisturbed pair: who listens and who speaks; nobody once the hub itself was disturbed.
+    pub(crate) pair: Option<(u16, u16)>,
+    /// How many connections sent what may be called spurious.
+    pub(crate) wild_sent: u64,
+    pub(crate) messages_published: u64,
+    pub(crate) messages_heard: u64,
+    pub(crate) now: Instant,
+}
+
+thread_local! {
+    static LEDGER: RefCell<Ledger> = RefCell::default();
+}
+
+/// Begins a new record.
+pub(crate) fn begin() {
+    LEDGER.set(Ledger::default());
+}
+
+/// Writes into the record, or reads it.
+pub(crate) fn with<R>(work: impl FnOnce(&mut Ledger) -> R) -> R {
+    LEDGER.with_borrow_mut(work)
+}
+
+impl Ledger {
+    pub(crate) fn complain(&mut self, rule: Rule, text: String) {
+        let at = self.now;
+        self.complaint.get_or_insert(Complaint { rule, text, at });
+    }
+
+    /// Folds something that was seen into the trace.
+    pub(crate) fn note(&mut self, parts: &[u64]) {
+        for part in parts {
+            self.trace = (self.trace ^ part).wrapping_mul(0x0000_0100_0000_01b3).rotate_left(29);
+        }
+    }
+
+    pub(crate) fn trace(&self) -> u64 {
+        self.trace
+    }
+
+    /// The stamp of the next message of an origin.
+    pub(crate) fn next_stamp(&self, origin: Origin, reference: ChannelRef) -> Stamp {
+        let sequence = self.published.get(&origin).copied().unwrap_or(0);
+        Stamp { origin, reference, sequence, at_ns: self.now.as_nanos() }
+    }
+
+    /// The message with that stamp was accepted for sending.
+    pub(crate) fn was_published(&mut self, stamp: &Stamp) {
+        self.published.insert(stamp.origin, stamp.sequence + 1);
+        self.messages_published += 1;
+        if self.may_not_publish.contains(&stamp.origin.node) {
+            let text = format!("n{} published without the right to", stamp.origin.node);
+            self.complain(Rule::Rights, text);
+        }
+    }
+
+    /// How many messages of a node's channel were published in that life.
+    pub(crate) fn published_by(&self, origin: Origin) -> u64 {
+        self.published.get(&origin).copied().unwrap_or(0)
+    }
+
+    /// A subscription was given up: the next one of the same connection has a book of its own.
+    pub(crate) fn gave_up(&mut self, connection: u64, reference: ChannelRef) {
+        self.received.entry((connection, reference)).or_default().muddled = true;
+    }
+
+    /// A message arrived.
+    pub(crate) fn was_heard(
+        &mut self,
+        (node, life): (u16, u16),
+        connection: u64,
+        (name, reference): (&str, ChannelRef),
+        payload: &[u8],
+    ) {
+        self.messages_heard += 1;
+        self.received.entry((connection, reference)).or_default().count += 1;
+        self.note(&[3, node.into(), reference.id as u64, payload.len() as u64, self.now.as_nanos()]);
+        if self.may_not_hear.contains(&node) {
+            self.complain(Rule::Rights, format!("n{node} heard {name} without the right to"));
+        }
+        let Some(stamp) = Stamp::of(payload) else {
+            let text = format!("n{node} heard {} bytes on {name} that nobody published so", payload.len());
+            return self.complain(Rule::Delivery, text);
+        };
+        let origin = stamp.origin;
+        if channel_name(origin.node, origin.channel) != name || stamp.reference != reference {
+            let text = format!("n{node} heard on {name} {reference} what was published as {stamp:?}");
+            return self.complain(Rule::Delivery, text);
+        }
+        if stamp.sequence >= self.published_by(origin) {
+            let text = format!("n{node} heard message {} of {name}, which was not published", stamp.sequence);
+            return self.complain(Rule::Delivery, text);
+        }
+        let before = self.heard.insert(((node, life), origin), stamp.sequence);
+        if let Some(last) = before
+            && stamp.sequence <= last
+        {
+            let text = format!("n{node} heard message {} of {name} after message {last}", stamp.sequence);
+            self.complain(Rule::Order, text);
+        }
+        if self.pair == Some((node, origin.node)) {
+            self.check_pair(&stamp, before);
+        }
+    }
+
+    fn check_pair(&mut self, stamp: &Stamp, before: Option<u64>) {
+        if before.is_some_and(|last| stamp.sequence != last + 1) {
+            let text = format!("message {} came after {before:?}", stamp.sequence);
+            self.complain(Rule::Bystander, text);
+        }
+        let late = Duration::from_nanos(self.now.as_nanos() - stamp.at_ns);
+        if late > BYSTANDER_LATENESS_MAX {
+            let text = format!("message {} was {late:?} under way", stamp.sequence);
+            self.complain(Rule::Bystander, text);
+        }
+    }
+
+    /// The last message of an origin that a node's life heard.
+    pub(crate) fn last_heard(&self, listener: (u16, u16), origin: Origin) -> Option<u64> {
+        self.heard.get(&(listener, origin)).copied()
+    }
+}

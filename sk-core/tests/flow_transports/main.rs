@@ -1,0 +1,63 @@
+//! One suite of rules for every transport of the flow: real sockets, real pseudo-terminals, nothing simulated.
+//!
+//! A rule that a transport cannot have is left out where the tests are made, with the reason beside it.
+
+mod garbage;
+mod network;
+mod plug;
+mod rules;
+mod socket;
+mod supply;
+
+/// Makes one test of each rule for one transport.
+macro_rules! conforms {
+    ($transport:ident: $kind:expr; $($rule:ident),+ $(,)?) => {
+        mod $transport {
+            $(
+                #[test]
+                fn $rule() {
+                    crate::rules::$rule($kind);
+                }
+            )+
+        }
+    };
+}
+
+conforms! { tcp: crate::network::Kind::Tcp;
+    messages_small_and_large_arrive_intact,
+    a_light_channel_is_not_kept_waiting_by_a_heavy_one,
+    an_end_at_any_moment_leaves_the_others_undisturbed,
+    garbage_is_killed_and_the_others_live_on,
+    a_peer_that_does_not_read_costs_a_bounded_amount,
+    a_satellite_that_lost_its_hub_restores_channels_and_subscriptions,
+    a_silent_peer_is_closed_and_the_others_stay,
+}
+
+conforms! { unix: crate::network::Kind::Unix;
+    messages_small_and_large_arrive_intact,
+    a_light_channel_is_not_kept_waiting_by_a_heavy_one,
+    an_end_at_any_moment_leaves_the_others_undisturbed,
+    garbage_is_killed_and_the_others_live_on,
+    a_peer_that_does_not_read_costs_a_bounded_amount,
+    a_satellite_that_lost_its_hub_restores_channels_and_subscriptions,
+    a_silent_peer_is_closed_and_the_others_stay,
+}
+
+// A pipe has no bytes that could be garbage, its hub is in the same process and never comes back, and both of its
+// ends are of this library: silence shows as the end of its queue.
+conforms! { pipe: crate::network::Kind::Pipe;
+    messages_small_and_large_arrive_intact,
+    a_light_channel_is_not_kept_waiting_by_a_heavy_one,
+    an_end_in_any_round_leaves_the_others_undisturbed,
+}
+
+#[cfg(feature = "websocket")]
+conforms! { websocket: crate::network::Kind::WebSocket;
+    messages_small_and_large_arrive_intact,
+    a_light_channel_is_not_kept_waiting_by_a_heavy_one,
+    an_end_at_any_moment_leaves_the_others_undisturbed,
+    garbage_is_killed_and_the_others_live_on,
+    a_peer_that_does_not_read_costs_a_bounded_amount,
+    a_satellite_that_lost_its_hub_restores_channels_and_subscriptions,
+    a_silent_peer_is_closed_and_the_others_stay,
+}
