@@ -9,8 +9,29 @@ import time
 if hasattr(time, "monotonic"):
     monotonic = time.monotonic
 else:
+    def _uptime():
+        with open("/proc/uptime") as file:
+            return float(file.read().split()[0])
+
+    class _SteadiedClock(object):
+        """For a Python 2.7 without ctypes: the wall clock, held to the kernel's uptime (which steps by 10 ms), so
+        that a wall clock that is set makes no more than one short step here."""
+
+        def __init__(self):
+            self._base, self._last, self._look_at = time.time() - _uptime(), 0.0, 0.0
+
+        def __call__(self):
+            now = time.time() - self._base
+            if not 0 <= now - self._last < 1.0 or now >= self._look_at:
+                uptime = _uptime()
+                if abs(now - uptime) > 0.05:
+                    self._base += now - uptime
+                    now = uptime
+                self._look_at = now + 1.0
+            self._last = max(self._last, now)
+            return self._last
+
     def _python2_clock():
-        """Python 2.7 has no such clock; the kernel has, by way of /proc where ctypes is missing."""
         try:
             import ctypes
 
@@ -28,11 +49,7 @@ else:
             clock()
             return clock
         except Exception:  # a Python without ctypes, or a C library without the call
-            def uptime():
-                with open("/proc/uptime") as file:
-                    return float(file.read().split()[0])
-            # 10 ms steps: enough for pings and coarse ticks.
-            return uptime if os.path.exists("/proc/uptime") else time.time
+            return _SteadiedClock() if os.path.exists("/proc/uptime") else time.time
     monotonic = _python2_clock()
 
 COARSE, REALTIME, SOCKET, SYNCED = "coarse", "realtime", "select-io", "synced"
