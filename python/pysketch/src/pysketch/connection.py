@@ -5,7 +5,7 @@ from collections import deque
 
 from . import table
 from .clock import monotonic
-from .frames import FrameReader, ProtocolError, cut, encode, publish_head
+from .frames import FrameReader, ProtocolError, as_bytes, cut, encode, publish_head
 from .links import LinkError
 from .login import LoginError, Password, Peer, Token, same
 
@@ -67,7 +67,7 @@ class Connection(object):
     def send_message(self, command, tag, values, payload):
         """Queues a message in fragments; `values` are the fields before the payload."""
         for flags, piece in cut(payload, self.fragment_bytes):
-            self._push(encode(command, tag, tuple(values) + (bytes(piece),), flags))
+            self._push(encode(command, tag, tuple(values) + (as_bytes(piece),), flags))
 
     def publish(self, channel, message, payload):
         """Queues a message on a channel of one's own; the payload is not copied and must not change."""

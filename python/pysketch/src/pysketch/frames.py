@@ -258,6 +258,11 @@ class Gathering(object):
         self._unfinished.pop(key, None)
 
 
+def as_bytes(piece):
+    """Bytes of whatever holds bytes: in Python 2 the text of a memoryview is not its content."""
+    return piece.tobytes() if isinstance(piece, memoryview) else bytes(piece)
+
+
 def cut(payload, most):
     """The fragments of a message as (flags, piece), without copying."""
     view = payload if isinstance(payload, memoryview) else memoryview(payload)

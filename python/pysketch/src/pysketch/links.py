@@ -8,6 +8,7 @@ import errno
 import os
 import socket
 
+from .frames import as_bytes
 from .login import LoginError, Password, Peer, Token, state_folder
 
 _WAIT = (errno.EAGAIN, errno.EWOULDBLOCK, errno.EINTR)
@@ -115,6 +116,6 @@ def _joined(parts):
     for part in parts:
         if taken and length + len(part) > _JOIN_BYTES_MAX:
             break
-        taken.append(bytes(part) if not isinstance(part, memoryview) else part.tobytes())
+        taken.append(as_bytes(part))
         length += len(part)
     return b"".join(taken)
