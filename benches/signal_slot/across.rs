@@ -100,7 +100,10 @@ impl Pair {
         let there = shared.clone();
         let receiver = thread.build(move |cx| {
             let receiver = cx.spawn(Receiver { shared: there, spans: Vec::new() });
-            attach!(cx, cx.fast_zone().pulse => receiver.on_tick);
+            if mode == TimingMode::Realtime {
+                // Whoever aims at its ticks has to know them; to the others it would be work on the way.
+                attach!(cx, cx.fast_zone().pulse => receiver.on_tick);
+            }
             cx.remote(receiver)
         });
         let receiver = receiver.map_err(ours)?;

@@ -8,6 +8,7 @@
 #![forbid(unsafe_code)]
 
 mod chart;
+mod limited;
 mod options;
 mod pace;
 mod peers;

@@ -58,12 +58,14 @@ pub struct Report {
     figures: Vec<Figure>,
     spreads: Vec<(String, Option<&'static str>, Spread)>,
     notes: Vec<String>,
+    /// Sides that did not end in time, and after how many seconds they were killed.
+    timed_out: Vec<(String, u64)>,
 }
 
 impl Report {
     /// A report of nothing yet.
     pub fn new(bench: &'static str) -> Report {
-        Report { bench, figures: Vec::new(), spreads: Vec::new(), notes: Vec::new() }
+        Report { bench, figures: Vec::new(), spreads: Vec::new(), notes: Vec::new(), timed_out: Vec::new() }
     }
 
     /// The value of one more run.
@@ -105,6 +107,12 @@ impl Report {
         if !self.notes.iter().any(|note| note == text) {
             self.notes.push(text.to_owned());
         }
+    }
+
+    /// The side was killed because it hung. It has a line in the table and no more figures from now on.
+    pub fn time_out(&mut self, side: &str, part: Option<&str>, limit_s: u64) {
+        let side = part.map_or_else(|| side.to_owned(), |part| format!("{side} ({part})"));
+        self.timed_out.push((side, limit_s));
     }
 
     /// All figures, in the order in which they first came.
@@ -175,6 +183,9 @@ impl Report {
         }
         for (metric, of, over) in growth {
             self.tell_growth(&mut text, metric, of, over);
+        }
+        for (side, limit_s) in &self.timed_out {
+            let _ = writeln!(text, "  {side}: timed out after {limit_s} s");
         }
         for note in &self.notes {
             let _ = writeln!(text, "  note: {note}");

@@ -3,6 +3,9 @@
 //! `cargo bench -p sk-benches --bench tick_jitter -- [--mode realtime] [--interval-us 1000] [--seconds 5]
 //! [--policy fifo|other] [--cpu N] [--load] [--deep-sleep] [--plot FILE.svg] [--json] [--runs N] [--smoke]`
 //!
+//! With `--wishes` it tells instead what each wish for the operating system buys: our loop with none of them,
+//! with each alone, and with all; `--load` and the interval as above.
+//!
 //! All sides run at the same interval, in the same scheduling class, on the same CPU if one is named, and
 //! with the same `/dev/cpu_dma_latency`: the bench itself holds it at 0 for all of them unless told not to.
 #![forbid(unsafe_code)]
@@ -10,12 +13,14 @@
 mod load;
 mod ours;
 mod peers;
+mod wishes;
 
 use clap::{Parser, ValueEnum};
 use sk_benches::{Bench, BenchError, Options, Report, Side, histogram_text, plot_svg};
 use sk_core::TimingMode;
 use std::io::Write;
 use std::path::PathBuf;
+use std::time::Duration;
 
 /// The priority of every side in the real-time class.
 pub(crate) const PRIORITY: u8 = 80;
@@ -46,6 +51,12 @@ pub(crate) struct Arguments {
     /// Let idle CPUs sleep as deeply as they like, for all sides.
     #[arg(long)]
     deep_sleep: bool,
+    /// Tell what each wish for the operating system buys our loop: none, each alone, all together.
+    #[arg(long)]
+    wishes: bool,
+    /// The part this process measures; given by the bench when it starts itself anew.
+    #[arg(long, hide = true, value_name = "NAME")]
+    part: Option<String>,
     /// Write a plot of all sides to this file.
     #[arg(long, value_name = "FILE.svg")]
     plot: Option<PathBuf>,
@@ -111,6 +122,12 @@ impl Arguments {
 fn main() -> Result<(), BenchError> {
     let arguments = Arguments::parse();
     let is_side = arguments.shared.side.is_some();
+    if arguments.wishes {
+        // The load is the parent's, so that it is there before a side begins; nothing else is, as each side has
+        // its own wishes.
+        let _load = (arguments.load && !is_side).then(load::Load::start);
+        return wishes::bench(&arguments);
+    }
     // Held by the process that starts the sides, so that it is the same for all; a side holds nothing.
     let latency = if is_side || arguments.deep_sleep { None } else { Some(load::hold_latency_at_zero()) };
     let load = (arguments.load && !is_side).then(load::Load::start);
@@ -126,19 +143,27 @@ fn bench(arguments: &Arguments, latency_refused: Option<std::io::Error>) -> Resu
     let (case, before) = (arguments.case(), arguments.before());
     let (interval, seconds) = (arguments.interval_us.to_string(), arguments.seconds().to_string());
     let mut bench = Bench::new("tick_jitter", &arguments.shared)
-        .side(Side::ours(|sheet| ours::measure(sheet, arguments)))
+        .side(Side::ours(|sheet| ours::measure(sheet, arguments)).with_cpu(&case))
         // It sets class and CPU of its measuring thread by itself.
-        .side(Side::built_in("cyclictest", |sheet| peers::cyclictest(sheet, arguments)))
+        .side(Side::built_in("cyclictest", |sheet| peers::cyclictest(sheet, arguments)).with_cpu(&case))
         .side(
             Side::built_in("absolute-sleep", |sheet| peers::absolute_sleep(sheet, arguments))
-                .started_by(&before),
+                .started_by(&before)
+                .with_cpu(&case),
         )
-        .side(Side::program("tokio", "tokio_peer", &["tick", &case, &interval, &seconds]).started_by(&before))
-        .with_cpu(&case);
+        .side(
+            Side::program("tokio", "tokio_peer", &["tick", &case, &interval, &seconds])
+                .started_by(&before)
+                .with_cpu(&case),
+        )
+        .expected(Duration::from_secs_f64(arguments.seconds()));
     // QTimer counts whole milliseconds.
     if arguments.interval_us.is_multiple_of(1_000) {
-        bench =
-            bench.side(Side::program("qt6", "tick_qt6", &[&case, &interval, &seconds]).started_by(&before));
+        bench = bench.side(
+            Side::program("qt6", "tick_qt6", &[&case, &interval, &seconds])
+                .started_by(&before)
+                .with_cpu(&case),
+        );
     }
     if let Some(error) = latency_refused {
         bench = bench.note(&format!("/dev/cpu_dma_latency could not be held at 0 for the sides: {error}"));

@@ -4,6 +4,7 @@ use sk_core::prelude::*;
 use sk_core::world::OsSignal;
 use sk_robot::Hub;
 use std::io::{BufRead, BufReader};
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 
@@ -20,31 +21,108 @@ fn example(name: &str, state: &std::path::Path) -> Child {
 
 #[test]
 fn example_satellites_talk_through_the_hub() {
-    let folder = std::env::temp_dir().join(format!("sk-examples-{}", std::process::id()));
+    let heard = with_hub("pubsub", |at| {
+        // The subscriber first: it waits for a channel that does not exist yet.
+        let mut subscriber = example("11_subscriber", &at);
+        let publisher = example("10_publisher", &at);
+        let heard: Vec<String> = lines(&mut subscriber).take(5).collect();
+        end(publisher);
+        end(subscriber);
+        heard
+    });
+    assert!(heard.iter().all(|line| line.starts_with("robot.pendulum: ")), "{heard:?}");
+    assert_ne!(heard[0], heard[4], "values change");
+}
+
+/// Runs a hub and, on another thread, what `watch` does with its satellites.
+fn with_hub<T: Send + 'static>(what: &str, watch: impl FnOnce(PathBuf) -> T + Send + 'static) -> T {
+    let folder = std::env::temp_dir().join(format!("sk-examples-{what}-{}", std::process::id()));
     let mut app = SkApp::builder().mode(TimingMode::SelectIo).build().unwrap();
     let hub = Hub::builder().state_dir(&folder).no_tcp().start(app.cx()).unwrap();
     let cx = app.cx();
     let remote = cx.remote(cx.event_loop());
     let at = folder.clone();
     let watch = std::thread::spawn(move || {
-        // The subscriber first: it waits for a channel that does not exist yet.
-        let mut subscriber = example("11_subscriber", &at);
-        let mut publisher = example("10_publisher", &at);
-        let lines = BufReader::new(subscriber.stdout.take().unwrap()).lines();
-        let heard: Vec<String> = lines.take(5).map(Result::unwrap).collect();
-        publisher.kill().unwrap();
-        publisher.wait().unwrap();
-        subscriber.kill().unwrap();
-        subscriber.wait().unwrap();
+        // The hub ends also if what it was for has failed.
+        let seen = catch_unwind(AssertUnwindSafe(|| watch(at)));
         remote.post(|_, cx| cx.quit()).unwrap();
-        heard
+        seen
     });
     app.run();
     hub.stop(app.cx());
     app.pulse();
-    let heard = watch.join().unwrap();
-    assert!(heard.iter().all(|line| line.starts_with("robot.pendulum: ")), "{heard:?}");
-    assert_ne!(heard[0], heard[4], "values change");
+    let seen = watch.join().unwrap();
+    let _ = std::fs::remove_dir_all(&folder);
+    seen.unwrap_or_else(|panic| resume_unwind(panic))
+}
+
+fn lines(child: &mut Child) -> impl Iterator<Item = String> + use<> {
+    BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap)
+}
+
+fn end(mut child: Child) {
+    child.kill().unwrap();
+    child.wait().unwrap();
+}
+
+#[test]
+fn example_service_answers_its_caller() {
+    let heard = with_hub("service", |at| {
+        // The caller first: it waits for a service that does not exist yet.
+        let mut caller = example("15_caller", &at);
+        let service = example("14_service", &at);
+        let heard: Vec<String> = lines(&mut caller).collect();
+        assert!(caller.wait().unwrap().success());
+        end(service);
+        heard
+    });
+    assert_eq!(heard.last().map(String::as_str), Some("robot.gripper reached 0.04 m"), "{heard:?}");
+    assert!(heard.len() >= 3 && heard[0].starts_with("robot.gripper at 0.01"), "{heard:?}");
+}
+
+#[test]
+fn example_targets_follow_their_source() {
+    let (followed, reported) = with_hub("sync", |at| {
+        let mut source = example("16_sync_source", &at);
+        let mut targets = [(); 2].map(|()| example("17_sync_target", &at));
+        let mut outputs = targets.each_mut().map(lines);
+        let followed = outputs
+            .each_mut()
+            .map(|lines| lines.skip_while(|line| line != "following").take(3).collect::<Vec<String>>());
+        let mut names: Vec<String> = Vec::new();
+        let mut reports = lines(&mut source);
+        while names.len() < 2 {
+            let report = reports.next().unwrap();
+            let name = report.split(':').next().unwrap().to_owned();
+            if !names.contains(&name) {
+                names.push(name);
+            }
+        }
+        targets.into_iter().for_each(end);
+        end(source);
+        (followed, names)
+    });
+    assert!(followed.iter().all(|lines| lines[1].starts_with("beat ")), "{followed:?}");
+    assert!(reported.iter().all(|name| name.starts_with("target ")), "{reported:?}");
+}
+
+#[test]
+fn example_odometer_goes_on_after_a_kill() {
+    let folder = std::env::temp_dir().join(format!("sk-odometer-{}", std::process::id()));
+    let number =
+        |line: &str, word: &str| line.strip_prefix(word).map(|number| number.parse::<i64>().unwrap());
+    let mut saved = 0;
+    for life in 0..3 {
+        let mut odometer = example("18_odometer", &folder);
+        let mut lines = BufReader::new(odometer.stdout.take().unwrap()).lines().map(Result::unwrap);
+        let found = lines.find_map(|line| number(&line, "found ")).expect("it says what it found");
+        assert!(found >= saved, "life {life}: {saved} were saved, {found} found");
+        saved = lines
+            .find_map(|line| number(&line, "saved ").filter(|saved| *saved >= found + 5))
+            .unwrap();
+        odometer.kill().unwrap();
+        odometer.wait().unwrap();
+    }
     let _ = std::fs::remove_dir_all(&folder);
 }
 

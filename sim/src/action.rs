@@ -20,6 +20,12 @@ pub enum Action {
     Burst(u8, u16, u32),
     /// It begins a message of that many bytes on its channel and gives it up.
     Abort(u8, u32),
+    /// It offers its service: it echoes, late, never, or declines, by chance.
+    Serve,
+    /// It offers it no more.
+    Unserve,
+    /// It calls that node's service that many times, with that many bytes.
+    Call(u16, u16, u32),
     /// It reads no more than that many bytes every five milliseconds; 0 is as fast as they come.
     Slow(u32),
     /// It sends what no honest client sends, of that kind.
@@ -101,6 +107,9 @@ impl fmt::Display for Action {
                 words(f, "burst", &[channel.into(), count.into(), bytes.into()])
             }
             Action::Abort(channel, bytes) => words(f, "abort", &[channel.into(), bytes.into()]),
+            Action::Serve => f.write_str("serve"),
+            Action::Unserve => f.write_str("unserve"),
+            Action::Call(node, count, bytes) => words(f, "call", &[node.into(), count.into(), bytes.into()]),
             Action::Slow(bytes) => words(f, "slow", &[bytes.into()]),
             Action::Wild(kind) => write!(f, "wild {}", name_of(&WILDNESSES, &kind)),
             Action::Link(delay, jitter, piece) => {
@@ -126,6 +135,9 @@ impl Action {
             "unhear" => Action::Unhear(number(words)?, number(words)?),
             "burst" => Action::Burst(number(words)?, number(words)?, number(words)?),
             "abort" => Action::Abort(number(words)?, number(words)?),
+            "serve" => Action::Serve,
+            "unserve" => Action::Unserve,
+            "call" => Action::Call(number(words)?, number(words)?, number(words)?),
             "slow" => Action::Slow(number(words)?),
             "wild" => Action::Wild(named(&WILDNESSES, words)?),
             "link" => Action::Link(number(words)?, number(words)?, number(words)?),

@@ -1,8 +1,9 @@
 //! What is looked at from outside: the hub's books and registries, the loops' counters, the log.
 
 use crate::ledger::{self, Rule};
-use crate::run::{Run, Wishes, names_of};
+use crate::run::{Part, Run, Wishes, names_of};
 use crate::{log, script::Role};
+use sk_core::flow::ChannelRef;
 use sk_core::flow::server::ServerCore;
 use std::collections::BTreeMap;
 
@@ -12,20 +13,19 @@ fn complain(rule: Rule, text: String) {
 
 /// What holds at every moment.
 pub(crate) fn always(run: &Run<'_>) {
-    if let Some(error) = log::first_error() {
-        complain(Rule::Honest, format!("the log has an error: {error}"));
-    }
     for (number, part) in &run.parts {
         if let Some(node) = &part.node
             && let counters = node.inspect(|cx| *cx.counters())
             && counters.failures > 0
         {
-            let text = format!(
-                "n{number}: {} slots failed, {} of them panicked",
-                counters.failures, counters.panics
-            );
+            let (failures, panics, last) = (counters.failures, counters.panics, log::last_panic());
+            let text =
+                format!("n{number}: {failures} slots failed, {panics} of them panicked; the last {last}");
             complain(Rule::Panic, text);
         }
+    }
+    if let Some(error) = log::first_error() {
+        complain(Rule::Honest, format!("the log has an error: {error}"));
     }
     look_at_hub(run, |core| {
         let totals = core.totals();
@@ -36,6 +36,20 @@ pub(crate) fn always(run: &Run<'_>) {
             if !counts.balance() {
                 complain(Rule::Books, format!("connection {connection}, channel {channel}: {counts:?}"));
             }
+        }
+        let mut listeners: BTreeMap<ChannelRef, usize> = BTreeMap::new();
+        for (_, channel, _) in core.subscriptions() {
+            *listeners.entry(channel).or_default() += 1;
+        }
+        for (channel, said) in core.channels() {
+            let found = listeners.remove(&channel.reference).unwrap_or(0);
+            if said != found {
+                let text = format!("{} has {said} subscribers in the list, {found} that live", channel.name);
+                complain(Rule::Reaped, text);
+            }
+        }
+        if let Some((channel, count)) = listeners.first_key_value() {
+            complain(Rule::Reaped, format!("{count} subscriptions to channel {channel}, which is gone"));
         }
         let (spurious, wild) = (core.spurious(), ledger::with(|ledger| ledger.wild_sent));
         if spurious > wild {
@@ -75,7 +89,7 @@ pub(crate) fn calm(run: &Run<'_>) {
     }
     look_at_hub(run, |core| {
         for (number, wishes) in &wishes {
-            restored(core, run.parts[number].role, *number, wishes);
+            restored(core, &run.parts[number], *number, wishes);
         }
         for (connection, channel, counts) in core.subscriptions() {
             let key = (connection.wire(), channel);
@@ -95,6 +109,9 @@ pub(crate) fn calm(run: &Run<'_>) {
             }
         }
     });
+    if let Some(key) = ledger::with(|ledger| ledger.endless_call()) {
+        complain(Rule::Services, format!("{key:?} has no end"));
+    }
     if let Some((published, last)) = run.pair()
         && last.map_or(0, |last| last + 2) < published
     {
@@ -105,12 +122,13 @@ pub(crate) fn calm(run: &Run<'_>) {
     }
 }
 
-fn restored(core: &ServerCore, role: Role, number: u16, wishes: &Wishes) {
-    let (publish, subscribe) = match role {
+fn restored(core: &ServerCore, part: &Part, number: u16, wishes: &Wishes) {
+    let (publish, subscribe) = match part.role {
         Role::Inside { publish, subscribe, .. } => (publish, subscribe),
         _ => (true, true),
     };
-    for name in wishes.own.iter().filter(|_| publish) {
+    let excused = ledger::with(|ledger| ledger.refused.contains(&number));
+    for name in wishes.own.iter().filter(|_| publish && !excused) {
         let owner = core.channels().find(|(channel, _)| channel.name.as_str() == name);
         let owner = owner.map(|(channel, _)| channel.owner.wire());
         if owner.is_none() || owner != wishes.connection {
@@ -135,10 +153,11 @@ pub(crate) fn reaped(run: &Run<'_>) {
     look_at_hub(run, |core| {
         let (connections, channels) = (core.connections(), core.channels().count());
         let (subscriptions, queued) = (core.subscriptions().count(), core.totals().queued);
-        if connections + channels + subscriptions > 0 || queued > 0 {
+        let requests = core.open_requests();
+        if connections + channels + subscriptions + requests > 0 || queued > 0 {
             let text = format!(
                 "everybody has left, and there are {connections} connections, {channels} channels, \
-                 {subscriptions} subscriptions, {queued} messages"
+                 {subscriptions} subscriptions, {queued} messages, {requests} requests"
             );
             complain(Rule::Reaped, text);
         }

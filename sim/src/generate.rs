@@ -44,6 +44,7 @@ enum Kind {
     Bursts,
     LargeBursts,
     Aborts,
+    Churn,
     Slowness,
     Wildness,
     Lateness,
@@ -64,7 +65,7 @@ impl Draw {
     }
 
     fn one_in(&mut self, count: u64) -> bool {
-        self.rng.next_u64() % count == 0
+        self.rng.next_u64().is_multiple_of(count)
     }
 
     fn way(&mut self) -> Way {
@@ -74,7 +75,8 @@ impl Draw {
     fn nodes(&mut self) -> Vec<(u16, Role)> {
         let mut nodes = vec![(0, Role::Hub), (1, Role::Speaker), (2, Role::Listener)];
         for number in 3..5 + self.below(4) as u16 {
-            let role = match self.below(8) {
+            let role = match self.below(10) {
+                8 | 9 => Role::Talker,
                 0..3 => Role::Satellite(self.way()),
                 3..6 => Role::Plain(self.way()),
                 6 => Role::Inside {
@@ -93,6 +95,7 @@ impl Draw {
         let sometimes = [
             Kind::LargeBursts,
             Kind::Aborts,
+            Kind::Churn,
             Kind::Slowness,
             Kind::Wildness,
             Kind::Lateness,
@@ -112,7 +115,10 @@ impl Draw {
 
     /// Most have something to say and somebody to hear from the start.
     fn beginnings(&mut self, steps: &mut Vec<Step>, actors: &[(u16, Role)]) {
-        for &(node, role) in actors.iter().filter(|(_, role)| *role != Role::Wild) {
+        for &(node, _) in actors.iter().filter(|(_, role)| *role == Role::Talker) {
+            self.serve(steps, node);
+        }
+        for &(node, role) in actors.iter().filter(|(_, role)| !matches!(role, Role::Wild | Role::Talker)) {
             let at_us = 25_000 + self.below(10_000);
             for channel in 0..self.below(CHANNELS) as u8 {
                 steps.push(Step { at_us, node, action: Action::Open(channel) });
@@ -141,6 +147,12 @@ impl Draw {
                 Action::Wild(WILDNESSES[self.below(WILDNESSES.len() as u64) as usize].0),
             );
         }
+        if role == Role::Talker
+            && ![Kind::Deaths, Kind::Partitions, Kind::Resets, Kind::HubDeaths].contains(&kind)
+        {
+            return self.talk(steps, at_us, node, actors);
+        }
+        let mut add = |at_us, node, action| steps.push(Step { at_us, node, action });
         let other = actors[self.below(actors.len() as u64) as usize].0;
         let later = at_us + 1000 + self.below(700_000);
         match kind {
@@ -163,6 +175,20 @@ impl Draw {
                 add(at_us, node, Action::Burst(channel, 1 + self.below(6) as u16, bytes));
             }
             Kind::Aborts => add(at_us, node, Action::Abort(channel, self.below(5000) as u32)),
+            Kind::Churn => {
+                // Everything about one channel, so close together that the orders meet on the way.
+                for _ in 0..3 + self.below(8) {
+                    let at_us = at_us + self.below(2_000);
+                    let (doer, action) = match self.below(5) {
+                        0 => (node, Action::Close(channel)),
+                        1 => (node, Action::Open(channel)),
+                        2 => (other, Action::Hear(node, channel, 0)),
+                        3 => (other, Action::Unhear(node, channel)),
+                        _ => (node, Action::Burst(channel, 1 + self.below(4) as u16, 40)),
+                    };
+                    add(at_us, doer, action);
+                }
+            }
             Kind::Slowness => {
                 add(at_us, node, Action::Slow(1 + self.below(400) as u32));
                 add(later, node, Action::Slow(0));
@@ -192,6 +218,26 @@ impl Draw {
             Kind::Deaths => self.death(steps, at_us, node),
             Kind::HubDeaths => self.death(steps, at_us, 0),
         }
+    }
+
+    fn talk(&mut self, steps: &mut Vec<Step>, at_us: u64, node: u16, actors: &[(u16, Role)]) {
+        let talkers: Vec<u16> = actors
+            .iter()
+            .filter(|(_, role)| *role == Role::Talker)
+            .map(|(number, _)| *number)
+            .collect();
+        let other = talkers[self.below(talkers.len() as u64) as usize];
+        let action = match self.below(8) {
+            0 | 1 => Action::Serve,
+            2 => Action::Unserve,
+            _ => Action::Call(other, 1 + self.below(4) as u16, self.below(9000) as u32),
+        };
+        steps.push(Step { at_us, node, action });
+    }
+
+    /// Servers serve from the start.
+    fn serve(&mut self, steps: &mut Vec<Step>, node: u16) {
+        steps.push(Step { at_us: 25_000 + self.below(10_000), node, action: Action::Serve });
     }
 
     fn death(&mut self, steps: &mut Vec<Step>, at_us: u64, node: u16) {

@@ -3,7 +3,7 @@
 //! A run is one thread, and so is its ledger: actors on any loop of the run write into the same one.
 
 use crate::stamp::{Origin, Stamp, channel_name};
-use sk_core::flow::ChannelRef;
+use sk_core::flow::{ChannelRef, RefusalCode};
 use sk_flat::Instant;
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
@@ -32,8 +32,12 @@ pub enum Rule {
     Rights,
     /// An honest client is never killed as spurious, and an honest hub is understood.
     Honest,
+    /// Every call has exactly one end, and the answer of its own request.
+    Services,
     /// Nothing panics.
     Panic,
+    /// No loop goes round and round while time stands still.
+    Livelock,
     /// A hub that is asked to end ends.
     Ended,
 }
@@ -63,6 +67,23 @@ pub(crate) struct Received {
     pub(crate) muddled: bool,
 }
 
+/// A call: whose, on which of its connections, and its tag.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct CallKey {
+    pub(crate) node: u16,
+    pub(crate) life: u16,
+    pub(crate) link: u32,
+    pub(crate) tag: u32,
+}
+
+/// What became of a call.
+#[derive(Clone, Copy, Debug)]
+struct CallState {
+    check: u32,
+    ended: bool,
+    cancelled: bool,
+}
+
 /// The record of one run.
 #[derive(Debug, Default)]
 pub(crate) struct Ledger {
@@ -78,8 +99,13 @@ pub(crate) struct Ledger {
     pub(crate) may_not_publish: BTreeSet<u16>,
     /// The undisturbed pair: who listens and who speaks; nobody once the hub itself was disturbed.
     pub(crate) pair: Option<(u16, u16)>,
+    /// Channels may be refused because of somebody who is no more.
+    pub(crate) ghosts: bool,
+    /// Nodes to which that happened.
+    pub(crate) refused: BTreeSet<u16>,
     /// How many connections sent what may be called spurious.
     pub(crate) wild_sent: u64,
+    calls: BTreeMap<CallKey, CallState>,
     pub(crate) messages_published: u64,
     pub(crate) messages_heard: u64,
     pub(crate) now: Instant,
@@ -137,9 +163,58 @@ impl Ledger {
         self.published.get(&origin).copied().unwrap_or(0)
     }
 
+    /// The hub refused a node something.
+    pub(crate) fn was_refused(&mut self, node: u16, why: &str) {
+        self.note(&[6, node.into(), why.len() as u64, self.now.as_nanos()]);
+        let taken = [RefusalCode::Exists, RefusalCode::NoFreeChannel];
+        if self.ghosts && taken.iter().any(|code| code.to_string() == why) {
+            self.refused.insert(node);
+        }
+    }
+
     /// A subscription was given up: the next one of the same connection has a book of its own.
     pub(crate) fn gave_up(&mut self, connection: u64, reference: ChannelRef) {
         self.received.entry((connection, reference)).or_default().muddled = true;
+    }
+
+    /// A call was made.
+    pub(crate) fn was_called(&mut self, key: CallKey, check: u32) {
+        self.calls.insert(key, CallState { check, ended: false, cancelled: false });
+    }
+
+    /// Its asker gave it up: it may have ended before, and does not end afterwards more than that once.
+    pub(crate) fn was_cancelled(&mut self, key: CallKey) {
+        if let Some(call) = self.calls.get_mut(&key) {
+            call.cancelled = true;
+        }
+    }
+
+    /// It was answered, with a payload of that checksum, or refused. Refusals of other commands are none of its.
+    pub(crate) fn was_ended(&mut self, key: CallKey, check: Option<u32>, code: u16) {
+        self.note(&[11, key.node.into(), key.tag.into(), code.into()]);
+        let Some(call) = self.calls.get_mut(&key) else {
+            if check.is_some() {
+                self.complain(Rule::Services, format!("an answer came for {key:?}, which nobody made"));
+            }
+            return;
+        };
+        let twice = std::mem::replace(&mut call.ended, true);
+        let other = check.is_some_and(|check| check != call.check);
+        if twice || other {
+            let what = if twice { "a second end" } else { "the answer of another" };
+            self.complain(Rule::Services, format!("{key:?} has got {what}"));
+        }
+    }
+
+    /// The connection is gone, and with it its calls.
+    pub(crate) fn forget_calls(&mut self, node: u16) {
+        self.calls.retain(|key, _| key.node != node);
+    }
+
+    /// A call that has no end, though every deadline is over.
+    pub(crate) fn endless_call(&self) -> Option<CallKey> {
+        let endless = |call: &CallState| !call.ended && !call.cancelled;
+        self.calls.iter().find(|(_, call)| endless(call)).map(|(key, _)| *key)
     }
 
     /// A message arrived.

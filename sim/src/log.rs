@@ -10,6 +10,7 @@ use tracing::{Event, Level, Metadata, Subscriber};
 struct Kept {
     error: Option<String>,
     warning: Option<String>,
+    panic: Option<String>,
     /// Whether everything is printed, for a replay.
     aloud: bool,
 }
@@ -26,7 +27,24 @@ struct Keeper;
 /// Makes the log of this process the runs' own. Harmless if it was done before.
 pub fn listen() {
     // Whoever was there first stays.
-    let _ = tracing::subscriber::set_global_default(Keeper);
+    if tracing::subscriber::set_global_default(Keeper).is_ok() {
+        // Runs that fail are run again and again to be shrunk: one line of each panic is kept, none is printed.
+        std::panic::set_hook(Box::new(|info| {
+            let text = info.payload_as_str().unwrap_or("(not a text)").to_owned();
+            let place = info.location().map(ToString::to_string).unwrap_or_default();
+            // A panic inside of this very place is not worth another one.
+            let _ = KEPT.try_with(|kept| {
+                if let Ok(mut kept) = kept.try_borrow_mut() {
+                    kept.panic = Some(format!("{place}: {text}"));
+                }
+            });
+        }));
+    }
+}
+
+/// What panicked last in this run.
+pub(crate) fn last_panic() -> String {
+    KEPT.with_borrow(|kept| kept.panic.clone()).unwrap_or_default()
 }
 
 /// Prints what the log says from now on.
@@ -36,7 +54,7 @@ pub fn aloud() {
 
 pub(crate) fn begin() {
     listen();
-    KEPT.with_borrow_mut(|kept| (kept.error, kept.warning) = (None, None));
+    KEPT.with_borrow_mut(|kept| (kept.error, kept.warning, kept.panic) = (None, None, None));
 }
 
 pub(crate) fn first_error() -> Option<String> {

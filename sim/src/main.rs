@@ -1,14 +1,22 @@
 //! Runs seeds or scripts of the network in a box; `cargo xtask sim` builds and starts it, one process for each core.
 #![forbid(unsafe_code)]
 
+#[cfg(feature = "planted-bugs")]
+mod proof;
+
+mod jobs;
+
 use clap::Parser;
+use jobs::Sum;
+use sk_core::world::{Clock, RealClock};
+use sk_flat::Instant;
 use sk_sim::run::{Outcome, run};
 use sk_sim::script::Script;
 use sk_sim::shrink::shrink;
 use sk_sim::{generate, log};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Runs that a shrinker may make.
 const SHRINK_RUNS_MAX: usize = 4000;
@@ -25,9 +33,18 @@ struct Arguments {
     /// The first seed.
     #[arg(long, default_value_t = 1)]
     from: u64,
-    /// Every how many seeds one is this process's.
+    /// How many processes run side by side.
     #[arg(long, default_value_t = 1)]
+    jobs: u64,
+    /// Every how many seeds one is this process's.
+    #[arg(long, default_value_t = 1, hide = true)]
     step: u64,
+    /// Say the sum to the process that started this one.
+    #[arg(long, hide = true)]
+    child: bool,
+    /// Run seeds until one fails.
+    #[arg(long)]
+    forever: bool,
     /// Stop after that many seconds of real time, whatever seeds are left.
     #[arg(long)]
     seconds: Option<u64>,
@@ -40,6 +57,10 @@ struct Arguments {
     /// Run this script instead of seeds.
     #[arg(long)]
     replay: Option<PathBuf>,
+    /// Switch on a bug that is planted in the code, to see it found; `all` tries each.
+    #[cfg(feature = "planted-bugs")]
+    #[arg(long, value_name = "NAME")]
+    planted: Option<String>,
     /// Do not shrink what fails.
     #[arg(long)]
     no_shrink: bool,
@@ -51,9 +72,14 @@ struct Arguments {
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
     log::listen();
+    #[cfg(feature = "planted-bugs")]
+    if let Some(name) = &arguments.planted {
+        return proof::find(name, arguments.from, arguments.seeds);
+    }
     match &arguments.replay {
         Some(file) => replay(file),
         None if arguments.show => show(&generate::script(arguments.from)),
+        None if arguments.jobs > 1 => side_by_side(&arguments),
         None => seeds(&arguments),
     }
 }
@@ -95,19 +121,41 @@ fn show(script: &Script) -> ExitCode {
     }
 }
 
+fn side_by_side(arguments: &Arguments) -> ExitCode {
+    let mut rest = Vec::new();
+    let switches = [
+        ("--twice", arguments.twice),
+        ("--no-shrink", arguments.no_shrink),
+        ("--keep-going", arguments.keep_going),
+        ("--forever", arguments.forever),
+    ];
+    rest.extend(switches.iter().filter(|(_, on)| *on).map(|(name, _)| (*name).to_owned()));
+    if let Some(seconds) = arguments.seconds {
+        rest.extend(["--seconds".to_owned(), seconds.to_string()]);
+    }
+    jobs::run(arguments.jobs, arguments.from, arguments.seeds, &rest).unwrap_or_else(|error| {
+        eprintln!("the processes cannot be started: {error}");
+        ExitCode::FAILURE
+    })
+}
+
 fn seeds(arguments: &Arguments) -> ExitCode {
-    let started = Instant::now();
+    let clock = RealClock::new();
     let mut sum = Sum::default();
-    let mut reported = started;
-    for index in 0..arguments.seeds {
-        let seed = arguments.from + index * arguments.step.max(1);
+    let mut reported = clock.now();
+    let count = if arguments.forever { u64::MAX } else { arguments.seeds };
+    for index in 0..count {
+        let seed = arguments.from.wrapping_add(index.wrapping_mul(arguments.step.max(1)));
         let script = generate::script(seed);
         let outcome = run(&script);
         if arguments.twice && outcome != run(&script) {
             println!("FAILED seed {seed}: two runs of it differ");
             return ExitCode::FAILURE;
         }
-        sum.add(&outcome);
+        sum.runs += 1;
+        sum.virtual_time += outcome.virtual_time;
+        sum.published += outcome.published;
+        sum.heard += outcome.heard;
         if outcome.complaint.is_some() {
             sum.failed += 1;
             fail(arguments, &script, &outcome);
@@ -115,15 +163,15 @@ fn seeds(arguments: &Arguments) -> ExitCode {
                 break;
             }
         }
-        if reported.elapsed() > REPORT_EVERY {
-            reported = Instant::now();
-            sum.say(started, seed);
+        if clock.now().since(reported) > REPORT_EVERY {
+            reported = clock.now();
+            println!("to seed {seed}: {}", sum.line(spent(&clock)));
         }
-        if arguments.seconds.is_some_and(|seconds| started.elapsed().as_secs() >= seconds) {
+        if arguments.seconds.is_some_and(|seconds| spent(&clock).as_secs() >= seconds) {
             break;
         }
     }
-    sum.say(started, arguments.from + sum.runs.saturating_sub(1) * arguments.step.max(1));
+    println!("{}", if arguments.child { sum.for_parent() } else { sum.line(spent(&clock)) });
     if sum.failed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
@@ -144,34 +192,6 @@ fn fail(arguments: &Arguments, script: &Script, outcome: &Outcome) {
     }
 }
 
-#[derive(Default)]
-struct Sum {
-    runs: u64,
-    failed: u64,
-    virtual_time: Duration,
-    published: u64,
-    heard: u64,
-}
-
-impl Sum {
-    fn add(&mut self, outcome: &Outcome) {
-        self.runs += 1;
-        self.virtual_time += outcome.virtual_time;
-        self.published += outcome.published;
-        self.heard += outcome.heard;
-    }
-
-    fn say(&self, started: Instant, last: u64) {
-        let seconds = started.elapsed().as_secs_f64().max(1e-9);
-        println!(
-            "{} seeds to {last} in {seconds:.1} s: {:.1} seeds/s, {:.0} times real time, {} failed; {} messages \
-             published, {} heard",
-            self.runs,
-            self.runs as f64 / seconds,
-            self.virtual_time.as_secs_f64() / seconds,
-            self.failed,
-            self.published,
-            self.heard
-        );
-    }
+fn spent(clock: &RealClock) -> Duration {
+    clock.now().since(Instant::ZERO)
 }

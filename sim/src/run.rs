@@ -1,7 +1,7 @@
 //! Runs a script and judges what it sees.
 
 use crate::action::Action;
-use crate::actors::{Identity, Member, Plain, TOKEN, Wild};
+use crate::actors::{Identity, Member, Plain, SERVICE, TOKEN, Talker, Wild};
 use crate::ledger::{self, Complaint, Rule};
 use crate::script::{Role, Script, Step, Way};
 use crate::stamp::{Origin, USER, channel_name};
@@ -12,7 +12,9 @@ use sk_core::flow::{Right, Rights, SkFlowSat, SkFlowServer};
 use sk_core::prelude::*;
 use sk_core::testing::{Node, Simulation, USER_ID};
 use sk_core::world::{Clock, Death, LinkFaults, SimulatedRng, SimulatedWorld};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// The stream of what the runner itself leaves to chance.
 const CHANCES_STREAM: u64 = 1 << 48;
@@ -27,8 +29,11 @@ const CALM: Duration = Duration::from_secs(16);
 const REAPING: Duration = Duration::from_secs(8);
 /// How long a hub has to end.
 const ENDING: Duration = Duration::from_secs(4);
-/// Identifiers of channels, so few that they are used again.
-const CHANNEL_IDS: std::ops::Range<u16> = 1024..1048;
+/// The first identifier of a channel that a flow may have.
+const CHANNEL_ID_FIRST: u16 = 1024;
+
+/// Identifiers of channels in runs that have too few.
+const CHANNELS_OF_NARROW_RUNS: usize = 3;
 
 /// What became of a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -50,7 +55,13 @@ pub fn run(script: &Script) -> Outcome {
     ledger::begin();
     log::begin();
     let mut run = Run::new(script);
-    let complaint = run.play().err();
+    // What panics inside a loop is caught there and counted; this is for what panics around it.
+    let played = catch_unwind(AssertUnwindSafe(|| run.play()));
+    let complaint = played.unwrap_or_else(|_| {
+        let at = run.simulation.clock().now();
+        Err(Complaint { rule: Rule::Panic, text: log::last_panic(), at })
+    });
+    let complaint = complaint.err();
     let (published, heard, trace) =
         ledger::with(|ledger| (ledger.messages_published, ledger.messages_heard, ledger.trace()));
     Outcome {
@@ -68,6 +79,7 @@ pub(crate) enum Actor {
     Hub(Handle<SkFlowServer>),
     Member(Handle<Member>),
     Plain(Handle<Plain>),
+    Talker(Handle<Talker>),
     Wild(Handle<Wild>),
 }
 
@@ -123,7 +135,15 @@ impl<'a> Run<'a> {
 
     fn begin_ledger(&self) {
         let mut pair = (None, None);
+        // Of one that vanishes the hub keeps the channels until it has been silent for long enough. It refuses the next
+        // life their names, and maybe others their identifiers; satellites do not ask again, and sessions are not there
+        // yet.
+        let leaves_a_ghost = |step: &Step| {
+            matches!(step.action, Action::Die(Death::Vanished | Death::PowerCut) | Action::Part(..))
+        };
+        let ghosts = self.script.steps.iter().any(leaves_a_ghost);
         ledger::with(|ledger| {
+            ledger.ghosts = ghosts || self.is_narrow();
             for (number, part) in &self.parts {
                 match part.role {
                     Role::Listener => pair.0 = Some(*number),
@@ -160,8 +180,13 @@ impl<'a> Run<'a> {
     fn go_to(&mut self, until: Instant) -> Result<(), Complaint> {
         loop {
             let next = (self.simulation.clock().now() + CHECKS_EVERY).min(until);
-            self.simulation.run_until(next);
-            ledger::with(|ledger| ledger.now = next);
+            let went = self.simulation.run_until(next);
+            ledger::with(|ledger| {
+                ledger.now = next;
+                if let Err(livelock) = went {
+                    ledger.complain(Rule::Livelock, livelock.to_string());
+                }
+            });
             self.judge()?;
             if next == until {
                 return Ok(());
@@ -177,6 +202,7 @@ impl<'a> Run<'a> {
     // ---- who takes part ----
 
     fn start(&mut self, number: u16) {
+        let ids = self.channel_ids();
         let Some(part) = self.parts.get_mut(&number) else { return };
         if part.actor.is_some() || part.thread.is_some() {
             return;
@@ -192,13 +218,34 @@ impl<'a> Run<'a> {
             settings.interval = INTERVAL;
             settings.slow_interval = INTERVAL;
         });
-        let actor = node.with(|cx| start_actor(cx, who, role));
+        let actor = node.with(|cx| start_actor(cx, who, role, ids));
         part.node = Some(node);
         part.actor = actor;
         if role == Role::Hub {
             let insiders: Vec<u16> = self.insiders().collect();
             insiders.into_iter().for_each(|number| self.start(number));
         }
+    }
+
+    /// In some runs there are fewer identifiers than channels that somebody wants, so that each is used again and again.
+    fn is_narrow(&self) -> bool {
+        self.script.seed.is_multiple_of(4)
+    }
+
+    /// The identifiers of channels: just enough for all that are wanted at once, so that they are used again soon.
+    fn channel_ids(&self) -> Range<u16> {
+        let mut wanted = BTreeSet::new();
+        for Step { node, action, .. } in &self.script.steps {
+            match action {
+                Action::Open(channel) => _ = wanted.insert((*node, *channel)),
+                Action::Serve => _ = wanted.insert((*node, SERVICE)),
+                _ => {}
+            }
+        }
+        let most = if self.is_narrow() { CHANNELS_OF_NARROW_RUNS } else { usize::MAX };
+        let count = wanted.len().min(most) as u16;
+        // One for the undisturbed pair.
+        CHANNEL_ID_FIRST..CHANNEL_ID_FIRST + 1 + count
     }
 
     fn insiders(&self) -> impl Iterator<Item = u16> + '_ {
@@ -286,6 +333,7 @@ impl<'a> Run<'a> {
         }
         let Some(part) = self.parts.get_mut(&number) else { return };
         let Some(node) = part.node.take() else { return };
+        ledger::with(|ledger| ledger.forget_calls(number));
         part.actor = None;
         part.life += 1;
         part.machine = match death {
@@ -343,6 +391,7 @@ impl<'a> Run<'a> {
         node.with(|cx| match actor {
             Actor::Member(member) => cx.with(member, |member, cx| member.act(cx, action)).is_ok(),
             Actor::Plain(plain) => cx.with(plain, |plain, cx| plain.act(cx, action)).is_ok(),
+            Actor::Talker(talker) => cx.with(talker, |talker, cx| talker.act(cx, action)).is_ok(),
             Actor::Wild(wild) => cx.with(wild, |wild, cx| wild.act(cx, action)).is_ok(),
             Actor::Hub(_) => false,
         });
@@ -446,7 +495,7 @@ impl<'a> Run<'a> {
                 found.ok()
             }
             Actor::Plain(plain) => cx.with(plain, |p, _| (p.ready, p.connection(), p.wishes())).ok(),
-            Actor::Hub(_) | Actor::Wild(_) => None,
+            Actor::Hub(_) | Actor::Talker(_) | Actor::Wild(_) => None,
         })?;
         Some(Wishes { ready, connection, own, wanted })
     }
@@ -480,9 +529,9 @@ impl HubEnd {
 
 object! { HubEnd { slots { quit() } } }
 
-fn start_actor(cx: &mut Cx, who: Identity, role: Role) -> Option<Actor> {
+fn start_actor(cx: &mut Cx, who: Identity, role: Role, ids: Range<u16>) -> Option<Actor> {
     Some(match role {
-        Role::Hub => Actor::Hub(start_hub(cx)?),
+        Role::Hub => Actor::Hub(start_hub(cx, ids)?),
         Role::Satellite(way) => Actor::Member(start_member(cx, who, way)),
         Role::Listener => Actor::Member(start_member(cx, who, Way::Unix)),
         Role::Speaker => {
@@ -491,6 +540,7 @@ fn start_actor(cx: &mut Cx, who: Identity, role: Role) -> Option<Actor> {
             Actor::Member(member)
         }
         Role::Plain(way) => Actor::Plain(Plain::start(cx, who, way)),
+        Role::Talker => Actor::Talker(Talker::start(cx, who)),
         Role::Wild => Actor::Wild(Wild::start(cx, who)),
         Role::Inside { .. } => return None,
     })
@@ -501,12 +551,12 @@ fn start_member(cx: &mut Cx, who: Identity, way: Way) -> Handle<Member> {
     Member::start(cx, who, hub)
 }
 
-fn start_hub(cx: &mut Cx) -> Option<Handle<SkFlowServer>> {
+fn start_hub(cx: &mut Cx, ids: Range<u16>) -> Option<Handle<SkFlowServer>> {
     let user = USER.parse().ok()?;
     let settings = Settings { user, token: Some(OwnerToken::new(TOKEN)), owner_uid: Some(USER_ID) };
     let server = SkFlowServer::start(cx, settings);
     // A server that was made just now is there and idle.
-    let _ = server.narrow_channel_ids(cx, CHANNEL_IDS);
+    let _ = server.narrow_channel_ids(cx, ids);
     for way in [Way::Tcp, Way::Unix] {
         if let Err(error) = server.listen(cx, &way.address()) {
             let text = format!("the hub cannot listen at {}: {error}", way.address());

@@ -58,6 +58,8 @@ pub enum Role {
     /// A client of another make: the protocol's core over a plain socket. It can do what `SkFlowSat` does not offer,
     /// such as reading slowly.
     Plain(Way),
+    /// A client that serves and calls.
+    Talker,
     /// A client that is not honest.
     Wild,
     /// The undisturbed pair's first: it publishes all the time.
@@ -123,6 +125,7 @@ impl fmt::Display for Role {
                 f.write_str(if *subscribe { " subscribe" } else { "" })
             }
             Role::Plain(way) => write!(f, "plain {way}"),
+            Role::Talker => f.write_str("talker"),
             Role::Wild => f.write_str("wild"),
             Role::Speaker => f.write_str("speaker"),
             Role::Listener => f.write_str("listener"),
@@ -148,6 +151,7 @@ impl Role {
             "hub" => Role::Hub,
             "satellite" => Role::Satellite(Way::parse(words)?),
             "plain" => Role::Plain(Way::parse(words)?),
+            "talker" => Role::Talker,
             "wild" => Role::Wild,
             "speaker" => Role::Speaker,
             "listener" => Role::Listener,

@@ -74,7 +74,9 @@ pub mod prelude {
 #[doc(hidden)]
 pub mod macro_support {
     pub use crate::module::{checked, plain_name};
-    pub use crate::object::{Extends, Itself, Node, Project, Through, assert_distinct, member_uid};
+    pub use crate::object::{
+        Extends, Itself, Node, Project, Through, assert_distinct, has_hooks, member_uid,
+    };
     pub use crate::signal::{
         AnySignal, Bound, Convertible, Crossable, Described, FixedConversion, IntoOutcome, Outcome,
         SignalMeta, SignalRef, SlotFor, SlotMeta, SlotRef, SlotTag, Staying, attach, attach_ignoring,

@@ -323,11 +323,11 @@ fn a_node_that_dies_leaves_no_trace_and_one_that_quits_does() {
     };
     let machine = simulation.world().machine();
     let node = start(&machine, "first");
-    simulation.run_for_nodes(Duration::from_millis(30));
+    simulation.run_for_nodes(Duration::from_millis(30)).unwrap();
     let machine = node.die(Death::Killed, &mut simulation.world().rng(1 << 32));
     assert!(machine.storage().list(Path::new("/")).unwrap().is_empty());
     let node = start(&machine, "second");
-    simulation.run_for_nodes(Duration::from_millis(30));
+    simulation.run_for_nodes(Duration::from_millis(30)).unwrap();
     assert!(!node.has_ended());
     let machine = node.quit();
     assert_eq!(machine.storage().list(Path::new("/")).unwrap(), [Path::new("goodbye")]);

@@ -3,6 +3,7 @@
 use crate::config::{Config, ModuleConfig, TcpAddress};
 use crate::owner::{self, TokenFileError};
 use crate::places::{Places, PlacesError};
+use sk_core::flow::database::disk::{Store, StoreError};
 use sk_core::flow::server::Settings;
 use sk_core::flow::{HubAddress, Rights, SkFlowSat, SkFlowServer};
 use sk_core::module::{AbstractModule, ModuleClass, ModuleError, ModuleSupervisor, Modules, ThreadedModule};
@@ -61,6 +62,9 @@ pub enum HubError {
     /// No owner's token.
     #[error(transparent)]
     Token(#[from] TokenFileError),
+    /// Its databases cannot be opened.
+    #[error(transparent)]
+    Databases(#[from] StoreError),
     /// It cannot listen.
     #[error("{address} is in use: another hub runs there; give this one another {option}")]
     Taken {
@@ -176,6 +180,11 @@ impl HubBuilder {
         self
     }
 
+    /// The whole configuration, as it is so far.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
     /// The names of the modules that will be added.
     pub fn module_names(&self) -> impl Iterator<Item = &'static str> {
         self.classes.iter().map(ModuleClass::name)
@@ -187,7 +196,7 @@ impl HubBuilder {
     }
 
     /// Starts the hub on this loop: makes the owner's token at first start, listens, and starts the modules.
-    /// Reads and writes a file: before the loop runs. A module that does not start is left out and told by
+    /// Reads and writes files: before the loop runs. A module that does not start is left out and told by
     /// [`Hub::failures`].
     ///
     /// # Errors
@@ -211,6 +220,11 @@ impl HubBuilder {
                 return Err(error);
             }
         };
+        // Whoever has the addresses has the files, so that two hubs never write to one store.
+        if let Err(error) = keep_databases(cx, server, &places) {
+            cx.destroy_later(server);
+            return Err(error);
+        }
         let modules = Modules::spawn(cx);
         let ender = cx.spawn_with(|cx, this: Handle<Ender>| {
             attach!(cx, modules.stopped => this.on_stopped);
@@ -312,6 +326,17 @@ impl Ender {
             cx.destroy_later(self.server);
         }
     }
+}
+
+/// Opens the databases of this hub. Damaged ones are set aside and told of in the log.
+fn keep_databases(cx: &mut Cx, server: Handle<SkFlowServer>, places: &Places) -> Result<(), HubError> {
+    let opened = Store::open(cx.world().storage.clone(), places.databases())?;
+    if let Some(damage) = &opened.damage {
+        tracing::error!("{damage}");
+    }
+    server
+        .keep_databases(cx, opened.store, opened.saved)
+        .map_err(|error| HubError::Link(io::Error::other(error)))
 }
 
 impl Hub {

@@ -48,11 +48,18 @@ pub mod owner;
 pub mod places;
 pub mod registry;
 mod reload;
+mod run;
 pub mod supervise;
 
 pub use hub::{Hub, HubBuilder, HubError};
+pub use run::RunError;
 
 /// Runs the programs of the guide.
 #[cfg(doctest)]
 #[doc = include_str!("../../docs/guide/hub.md")]
 struct Guide;
+
+/// Runs the programs of the page on modules.
+#[cfg(doctest)]
+#[doc = include_str!("../../docs/guide/modules.md")]
+struct Modules;

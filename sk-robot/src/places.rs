@@ -130,6 +130,11 @@ impl Places {
         self.state.join("owner.token")
     }
 
+    /// The hub's databases; mode 0600.
+    pub fn databases(&self) -> PathBuf {
+        self.state.join("databases.redb")
+    }
+
     /// The hub's address for programs of the same user.
     pub fn address(&self) -> HubAddress {
         HubAddress::Unix(self.socket())

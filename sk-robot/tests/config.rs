@@ -151,6 +151,25 @@ fn the_schema_knows_exactly_what_can_be_said() {
     compare("", &Config::new(&classes()).to_variant(), &sk_robot::config::schema(&classes()));
 }
 
+/// What the guide shows as the whole of the defaults is that.
+#[test]
+fn the_guide_shows_all_defaults() {
+    let page =
+        std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/guide/hub.md")).unwrap();
+    let example = page
+        .split("```json\n")
+        .nth(1)
+        .and_then(|rest| rest.split("```").next())
+        .unwrap();
+    let defaults = Config::new(&classes());
+    assert_eq!(Config::read(example, &classes()).unwrap(), defaults);
+    // Not only nothing else, but everything: leaving a key out would be reading it as its default, too.
+    let mut shown = SkVariant::from_json(example).unwrap();
+    shown.as_map_mut().unwrap().remove("$schema").unwrap();
+    let as_json = |value: &SkVariant| value.to_json().unwrap();
+    assert_eq!(as_json(&shown), as_json(&defaults.to_variant()));
+}
+
 fn write(folder: &Path, name: &str, text: &str) -> PathBuf {
     std::fs::create_dir_all(folder).unwrap();
     let file = folder.join(name);

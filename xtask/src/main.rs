@@ -1,13 +1,16 @@
 //! The project's own commands, run as `cargo xtask COMMAND`.
 //!
 //! `test` is the whole gate, the same on a contributor's machine and in continuous integration; `tidy` is
-//! the part of it that checks the rules of this tree which no compiler knows. `bench-peers` prepares what the
-//! benches are compared with, `bench-report` runs them and writes the page on performance.
+//! the part of it that checks the rules of this tree which no compiler knows; `sim` runs seeds of the network in
+//! a box. `bench-peers` prepares what the benches are compared with, `bench-report` runs them and writes the page
+//! on performance. `schema` writes the JSON Schema of the hub's configuration.
 #![forbid(unsafe_code)]
 
 mod peers;
 mod process;
 mod report;
+mod schema;
+mod sim;
 mod test;
 mod tidy;
 mod workspace;
@@ -28,6 +31,10 @@ enum Command {
     Test(test::Options),
     /// Checks the rules of this tree that no compiler knows.
     Tidy,
+    /// Writes the JSON Schema of the hub's configuration anew.
+    Schema,
+    /// Runs seeds of the network in a box.
+    Sim(sim::Options),
     /// Installs and builds what the benches are compared with.
     BenchPeers,
     /// Runs every bench and writes the page on performance.
@@ -37,6 +44,8 @@ enum Command {
 fn main() -> ExitCode {
     let outcome = match Arguments::parse().command {
         Command::Test(options) => test::run(&options),
+        Command::Schema => schema::run(),
+        Command::Sim(options) => sim::run(&options),
         Command::BenchPeers => peers::run(),
         Command::BenchReport(options) => report::run(&options),
         Command::Tidy => tidy::run().map(|summary| println!("tidy: {summary}")),

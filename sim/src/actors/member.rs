@@ -171,6 +171,6 @@ impl Member {
     }
 
     fn refused(&mut self, _: &mut Cx, why: &str) {
-        ledger::with(|ledger| ledger.note(&[6, self.who.node.into(), why.len() as u64]));
+        ledger::with(|ledger| ledger.was_refused(self.who.node, why));
     }
 }

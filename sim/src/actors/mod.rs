@@ -2,10 +2,12 @@
 
 mod member;
 mod plain;
+mod talker;
 mod wild;
 
 pub(crate) use member::Member;
 pub(crate) use plain::Plain;
+pub(crate) use talker::{SERVICE, Talker};
 pub(crate) use wild::Wild;
 
 use crate::script::Way;

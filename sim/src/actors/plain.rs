@@ -11,7 +11,7 @@ use sk_core::flow::wire::WRITE_PARTS_MAX;
 use sk_core::flow::{ChannelRef, Command, Flags, Message};
 use sk_core::prelude::*;
 use sk_flat::SkVariant;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// How often it looks at deadlines, and how often a slow reader reads.
 const LOOKS_EVERY: Duration = Duration::from_millis(100);
@@ -32,8 +32,10 @@ pub(crate) struct Plain {
     core: Option<SatelliteCore>,
     /// Every channel there is, in step with the events.
     names: BTreeMap<ChannelRef, String>,
-    /// The channels it wants to have, with the reference of those it has.
-    own: BTreeMap<u8, Option<ChannelRef>>,
+    /// The channels it wants to have.
+    own: BTreeSet<u8>,
+    /// Those it has: one that was asked to be closed is there until the hub says so.
+    held: BTreeMap<u8, ChannelRef>,
     /// What it wants to hear, with the depth.
     wanted: BTreeMap<String, u16>,
     aborted: u32,
@@ -58,7 +60,8 @@ impl Plain {
                 socket: None,
                 core: None,
                 names: BTreeMap::new(),
-                own: BTreeMap::new(),
+                own: BTreeSet::new(),
+                held: BTreeMap::new(),
                 wanted: BTreeMap::new(),
                 aborted: ABORTED_FROM,
                 bytes_per_look: 0,
@@ -73,11 +76,11 @@ impl Plain {
         let Some(core) = &mut self.core else { return self.wish(action) };
         // Refused commands are told in the events; what cannot be asked now is asked when the link is there.
         match action {
-            Action::Open(channel) if core.is_ready() && !self.own.contains_key(&channel) => {
+            Action::Open(channel) if core.is_ready() && !self.own.contains(&channel) => {
                 let _ = core.create(&own_name(who.node, channel), &properties());
             }
             Action::Close(channel) => {
-                if let Some(Some(reference)) = self.own.get(&channel) {
+                if let Some(reference) = self.held.get(&channel) {
                     let _ = core.remove(*reference);
                 }
             }
@@ -115,7 +118,7 @@ impl Plain {
     fn wish(&mut self, action: Action) {
         match action {
             Action::Open(channel) => {
-                self.own.entry(channel).or_default();
+                self.own.insert(channel);
             }
             Action::Close(channel) => {
                 self.own.remove(&channel);
@@ -131,7 +134,7 @@ impl Plain {
     }
 
     pub(crate) fn wishes(&self) -> (Vec<String>, Vec<String>) {
-        let own = self.own.keys().map(|channel| channel_name(self.who.node, *channel));
+        let own = self.own.iter().map(|channel| channel_name(self.who.node, *channel));
         (own.collect(), self.wanted.keys().cloned().collect())
     }
 
@@ -140,7 +143,7 @@ impl Plain {
     }
 
     fn publish(&mut self, cx: &mut Cx, channel: u8, bytes: usize) {
-        let (Some(core), Some(Some(reference))) = (&mut self.core, self.own.get(&channel)) else { return };
+        let (Some(core), Some(reference)) = (&mut self.core, self.held.get(&channel)) else { return };
         let origin = Origin { node: self.who.node, life: self.who.life, channel };
         ledger::with(|ledger| {
             ledger.now = cx.clock_now();
@@ -154,8 +157,7 @@ impl Plain {
     /// Begins a message and gives it up, which the core never does by itself.
     fn abort(&mut self, cx: &mut Cx, channel: u8, bytes: usize) {
         self.flush(cx);
-        let (Some(core), Some(socket), Some(Some(reference))) =
-            (&self.core, self.socket, self.own.get(&channel))
+        let (Some(core), Some(socket), Some(reference)) = (&self.core, self.socket, self.held.get(&channel))
         else {
             return;
         };
@@ -236,18 +238,14 @@ impl Plain {
                     self.names.insert(info.channel, info.name);
                 }
                 SatelliteEvent::Created { channel, name, .. } => {
-                    let mine =
-                        self.own.iter_mut().find(|(own, _)| channel_name(self.who.node, **own) == name);
-                    if let Some((_, reference)) = mine {
-                        *reference = Some(channel);
+                    let mine = (0..=u8::MAX).find(|own| channel_name(self.who.node, *own) == name);
+                    if let Some(own) = mine {
+                        self.held.insert(own, channel);
                     }
                 }
                 SatelliteEvent::ChannelRemoved(info) => {
                     self.names.remove(&info.channel);
-                    let mine = self.own.values_mut().find(|own| **own == Some(info.channel));
-                    if let Some(reference) = mine {
-                        *reference = None;
-                    }
+                    self.held.retain(|_, reference| *reference != info.channel);
                 }
                 SatelliteEvent::Message { channel, payload } => {
                     let connection = self.connection().unwrap_or(0);
@@ -258,8 +256,8 @@ impl Plain {
                         ledger.was_heard(who, connection, (name, channel), &payload);
                     });
                 }
-                SatelliteEvent::Refused { code, .. } => {
-                    ledger::with(|ledger| ledger.note(&[7, self.who.node.into(), code.into()]));
+                SatelliteEvent::Refused { text, .. } => {
+                    ledger::with(|ledger| ledger.was_refused(self.who.node, &text));
                 }
                 _ => {}
             }
@@ -269,7 +267,7 @@ impl Plain {
     fn let_in(&mut self, cx: &mut Cx) {
         self.ready = true;
         let Some(core) = &mut self.core else { return };
-        for channel in self.own.keys() {
+        for channel in &self.own {
             let _ = core.create(&own_name(self.who.node, *channel), &properties());
         }
         for (name, depth) in &self.wanted {
@@ -308,7 +306,7 @@ impl Plain {
         self.core = None;
         self.ready = false;
         self.names.clear();
-        self.own.values_mut().for_each(|reference| *reference = None);
+        self.held.clear();
         self.connect_at = cx.now() + CONNECTS_AFTER;
         ledger::with(|ledger| ledger.note(&[9, self.who.node.into(), cx.clock_now().as_nanos()]));
     }

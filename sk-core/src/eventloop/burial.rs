@@ -21,11 +21,13 @@ impl Cx {
         if !self.table.exists(top) {
             return;
         }
-        match self.table.node(top) {
-            Some(node) if node.header().has(MARKED) => return,
-            _ => {}
+        if let Some(node) = self.table.node(top) {
+            if node.header().has(MARKED) {
+                return;
+            }
+            node.header().set(MARKED);
         }
-        let mut at = Some(top);
+        let mut at = self.table.first_child(top);
         while let Some(id) = at {
             if let Some(node) = self.table.node(id) {
                 node.header().set(MARKED);
@@ -62,23 +64,29 @@ impl Cx {
         let mut buried = 0;
         let mut at = top;
         loop {
-            if let Some(node) = self.table.node(at).cloned()
+            if let Some(node) = self.table.node(at)
                 && !node.header().has(DYING)
             {
                 node.header().set(MARKED | DYING);
-                self.run_hook(at, &*node, "on_destroy");
+                if node.class().has_hooks {
+                    let node = node.clone();
+                    self.run_hook(at, &*node, "on_destroy");
+                }
             }
             if let Some(child) = self.table.first_child(at) {
                 at = child;
                 continue;
             }
+            if at == top {
+                self.bury_one(at, reason);
+                return buried + 1;
+            }
             let parent = self.table.parent(at);
-            let why = if at == top { reason } else { Reason::Parent };
-            self.bury_one(at, why);
+            self.bury_one(at, Reason::Parent);
             buried += 1;
             match parent {
-                Some(parent) if at != top => at = parent,
-                _ => return buried,
+                Some(parent) => at = parent,
+                None => return buried,
             }
         }
     }
@@ -99,7 +107,9 @@ impl Cx {
     fn bury_one(&mut self, id: ObjectId, reason: Reason) {
         let node = self.table.release(id);
         self.counters.buried += 1;
-        if let Some(waiting) = self.parked.remove(&id.index) {
+        if !self.parked.is_empty()
+            && let Some(waiting) = self.parked.remove(&id.index)
+        {
             self.counters.gone += waiting.len() as u64;
             self.drop_each(waiting);
         }

@@ -224,13 +224,14 @@ impl Cx {
 
     fn fill<T: SkObject>(&mut self, id: ObjectId, object: T, doomed: bool) -> Handle<T> {
         let node = Rc::new(Node::new(id, object));
-        self.table.fill(id, node.clone());
+        let hooked = T::CLASS.has_hooks.then(|| node.clone());
+        self.table.fill(id, node);
         if doomed {
             self.deny_hooks_below_the_dying(id);
             self.destroy_later(id);
-            return Handle::new(id);
+        } else if let Some(node) = hooked {
+            self.run_hook(id, &*node, "on_spawn");
         }
-        self.run_hook(id, &*node, "on_spawn");
         Handle::new(id)
     }
 
@@ -420,6 +421,7 @@ impl Cx {
         settings.check()?;
         if (settings.mode, settings.interval) != (self.settings.mode, self.settings.interval) {
             self.pacing.changed = true;
+            self.pacing.sync_ticked &= settings.mode == TimingMode::Synced;
         }
         self.settings = settings;
         Ok(())
@@ -431,6 +433,26 @@ impl Cx {
     /// None for the modes there are; as [`configure`](Cx::configure).
     pub fn set_mode(&mut self, mode: TimingMode) -> Result<(), SettingsError> {
         self.configure(|settings| settings.mode = mode)
+    }
+
+    /// Makes the next round of a [`Synced`](TimingMode::Synced) loop a tick, begun without waiting; twice in a
+    /// round it is one tick. In every other mode it does nothing. A satellite calls it for the ticks of the hub;
+    /// a driver may for those of a device.
+    ///
+    /// ```
+    /// use sk_core::prelude::*;
+    /// let mut app = SkApp::builder().mode(TimingMode::Synced).build()?;
+    /// app.cx().sync_tick();
+    /// app.pulse();
+    /// assert_eq!(app.cx().pulse().number, 1);
+    /// # Ok::<(), AppError>(())
+    /// ```
+    pub fn sync_tick(&mut self) {
+        if self.settings.mode == TimingMode::Synced {
+            self.pacing.sync_ticked = true;
+            // In simulation the wait may have been decided before: this ends it.
+            self.planned = None;
+        }
     }
 
     /// Changes the fast interval, from the next round on. A slow interval below it is raised to it.

@@ -11,6 +11,8 @@ use std::sync::Arc;
 
 /// How many messages are taken at once; the rest waits for the next turn.
 const MESSAGES_PER_TURN_MAX: usize = 16_384;
+/// How many calls of other threads run in one round; the rest goes first in the next.
+const CALLS_PER_ROUND_MAX: usize = 16_384;
 
 struct OwnWork {
     object: ObjectId,
@@ -29,14 +31,22 @@ impl Cx {
     /// Takes what waits in the mailbox: bookkeeping is done, calls are kept for step 6, requests for step 8.
     /// A loop that takes messages while it waits for its moment keeps no more of them than the mailbox does.
     pub(crate) fn take_messages(&mut self) -> bool {
-        let mut taken = 0;
+        let (mut taken, mut tokens) = (0, 0);
         while taken < MESSAGES_PER_TURN_MAX
             && self.remote_calls.len() < self.settings.mailbox_messages_max
             && let Some(message) = self.inbox.take()
         {
             taken += 1;
             match message {
-                Message::Call(number) => self.remote_calls.push_back(RemoteCall::Crossing(number)),
+                Message::Calls(number, run) => {
+                    tokens += 1;
+                    self.take_run(number, run);
+                }
+                Message::Newest(number) => {
+                    if let Some(crossing) = self.crossings.get(&number) {
+                        self.remote_calls.push_back(RemoteCall::Newest(crossing.clone()));
+                    }
+                }
                 Message::Ring(number, ring) => self.remote_calls.push_back(RemoteCall::Ring(number, ring)),
                 Message::Run(work) => self.remote_calls.push_back(RemoteCall::Run(work)),
                 // What arrives here may hold what users made, and drop it.
@@ -47,20 +57,55 @@ impl Cx {
                 }
             }
         }
-        self.counters.messages += taken as u64;
+        if tokens > 0 {
+            self.see_what_was_counted();
+        }
+        self.inbox.count_off(taken - tokens);
+        self.counters.messages += (taken - tokens) as u64;
         taken > 0
+    }
+
+    fn take_run(&mut self, number: u64, run: u32) {
+        // Its sender's end closes it behind its last call, so it is there.
+        if let Some(crossing) = self.crossings.get(&number) {
+            crossing.take_run(run);
+            self.remote_calls.push_back(RemoteCall::Calls(crossing.clone(), run));
+        }
+    }
+
+    /// So many calls of crossings have run.
+    pub(crate) fn count_off_calls(&mut self, calls: usize) {
+        self.counters.messages += calls as u64;
+        self.inbox.count_off(calls);
+    }
+
+    /// So many will not run, because their receiver is gone.
+    pub(crate) fn count_gone_calls(&mut self, calls: u32) {
+        self.counters.gone += u64::from(calls);
+        self.count_off_calls(calls as usize);
+    }
+
+    /// See [`Inbox::see_what_was_counted`](crate::thread::Inbox).
+    pub(crate) fn see_what_was_counted(&self) {
+        self.inbox.see_what_was_counted();
     }
 
     /// Step 6, its second part: the calls that were taken in step 3.
     pub(crate) fn run_remote_calls(&mut self) {
         let count = self.remote_calls.len();
+        let mut left = CALLS_PER_ROUND_MAX;
         for _ in 0..count {
             let Some(call) = self.remote_calls.pop_front() else { return };
             match call {
-                RemoteCall::Crossing(number) => match self.crossings.get(&number).cloned() {
-                    Some(crossing) => self.top_level(|cx| crossing.run_next(cx)),
-                    None => self.counters.gone += 1,
-                },
+                RemoteCall::Calls(crossing, run) => {
+                    left -= crossing.run_calls(self, run, left);
+                    if left == 0 {
+                        // Whether it has come to its end is seen in the next round.
+                        self.remote_calls.push_front(RemoteCall::Calls(crossing, run));
+                        break;
+                    }
+                }
+                RemoteCall::Newest(crossing) => crossing.run_newest(self),
                 RemoteCall::Ring(number, ring) => {
                     if let Some(crossing) = self.crossings.get(&number) {
                         crossing.next_ring(ring);
@@ -72,9 +117,19 @@ impl Cx {
         give_room_back(&mut self.remote_calls, count);
     }
 
-    pub(crate) fn open_crossing(&mut self, number: u64, target: ObjectId, crossing: Rc<dyn RemoteReceive>) {
+    pub(crate) fn open_crossing(&mut self, number: u64, crossing: Rc<dyn RemoteReceive>) {
+        self.crossings_to.entry(crossing.target()).or_default().push(number);
         self.crossings.insert(number, crossing);
-        self.crossings_to.entry(target).or_default().push(number);
+    }
+
+    /// The crossing has no receiver any more; what still comes is counted. Answers the former end, whose ring
+    /// holds what is the user's to drop.
+    pub(crate) fn note_gone_crossing(
+        &mut self,
+        number: u64,
+        gone: Rc<dyn RemoteReceive>,
+    ) -> Option<Rc<dyn RemoteReceive>> {
+        self.crossings.insert(number, gone)
     }
 
     /// The sender's end is gone.
@@ -91,8 +146,11 @@ impl Cx {
     /// The receiver was buried: every loop with a link to it is told.
     pub(crate) fn bury_crossings(&mut self, target: ObjectId) {
         for number in self.crossings_to.remove(&target).unwrap_or_default() {
-            if let Some(crossing) = self.crossings.remove(&number) {
-                crossing.tell_gone();
+            if let Some(crossing) = self.crossings.get(&number).cloned() {
+                let gone = crossing.end(self);
+                drop(crossing);
+                let former = self.note_gone_crossing(number, gone);
+                self.guarded(move |_| drop(former));
             }
         }
     }

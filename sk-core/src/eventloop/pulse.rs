@@ -3,11 +3,14 @@
 use crate::Cx;
 use crate::eventloop::sk_event_loop::{News, Overload};
 use crate::eventloop::{Overrun, Step, TimingMode};
+use crate::signal::Links;
 use sk_flat::Instant;
 use std::time::Duration;
 
 /// A step that takes more than this share of the interval has its calls timed.
 const STEP_SHARE_SUSPECT: u32 = 2;
+/// How many receivers of a tick are brought near before it: as many as cannot make it late by that.
+const REHEARSED_LINKS_MAX: usize = 8;
 /// How long single calls are timed after that.
 const CALL_TIMING_SPAN: Duration = Duration::from_secs(1);
 
@@ -43,23 +46,30 @@ struct Laps {
 impl Cx {
     /// One round after its wait: steps 2 to 10. `due`: when the wait should have ended, where it promised to.
     pub(crate) fn round(&mut self, tick: bool, due: Option<Instant>) {
-        let began = self.world.clock.now();
+        self.round_from(self.world.clock.now(), tick, due);
+    }
+
+    /// As `round`, after a wait that has read the clock at its end.
+    pub(crate) fn round_from(&mut self, began: Instant, tick: bool, due: Option<Instant>) {
         self.in_round = true;
         self.pulse.round += 1;
         self.pulse.now = began;
         self.pulse.due = due.unwrap_or(began);
         self.pulse.interval = self.settings.interval;
         self.measures.rounds += 1;
-        if let Some(due) = due.filter(|_| tick) {
-            self.measures.wake_error.record(began.since(due));
+        if self.settings.mode == TimingMode::Synced {
+            self.note_sync(tick, began);
         }
         let mut laps = Laps { last: began, longest: (Duration::ZERO, Step::Tick) };
         let queued_before = self.queue.len();
-        self.measures.queue_depth_max = self.measures.queue_depth_max.max(queued_before);
-
         if tick && self.tick(began) {
             self.lap(&mut laps, Step::Tick);
         }
+        // Behind the tick: what is noted for the statistics must not make it late.
+        if let Some(due) = due.filter(|_| tick) {
+            self.measures.wake_error.record(began.since(due));
+        }
+        self.measures.queue_depth_max = self.measures.queue_depth_max.max(queued_before);
         if self.take_messages() {
             self.lap(&mut laps, Step::Inbox);
         }
@@ -105,6 +115,21 @@ impl Cx {
             emitted |= self.pulse_zone(self.own.one_sec_zone);
         }
         emitted
+    }
+
+    /// Brings near what the next tick will touch, while there is time: on a busy machine others have filled the
+    /// caches during the sleep, and each line that is fetched behind the deadline is jitter. It has no other
+    /// effect.
+    pub(crate) fn rehearse_tick(&mut self) {
+        let zone = self.own.fast_zone;
+        if let Ok(Some(links)) = self.with(zone, |zone, _| zone.pulse.frozen()) {
+            // Each link looks at its receiver. The first are enough: the later ones wait for those before.
+            let first = links.as_slice().iter().take(REHEARSED_LINKS_MAX);
+            std::hint::black_box(first.filter(|link| link.is_dead()).count());
+        }
+        self.fire_own(zone.id(), &Links::Many(Vec::new()), &());
+        let Pulse { number, due, .. } = self.pulse;
+        std::hint::black_box((number, due, self.queue.len(), self.measures.ticks, self.pacing.last_tick));
     }
 
     fn pulse_zone(&mut self, zone: crate::object::Handle<crate::eventloop::Zone>) -> bool {

@@ -4,6 +4,7 @@ use crate::Cx;
 use crate::eventloop::sk_event_loop::News;
 use crate::object::ObjectId;
 use crate::signal::{OnceCall, QueuedCall};
+use crate::thread::RemoteReceive;
 use std::any::Any;
 use std::collections::VecDeque;
 use std::rc::Rc;
@@ -91,8 +92,10 @@ impl Token {
 
 /// What step 3 took for step 6.
 pub(crate) enum RemoteCall {
-    /// The next call of a crossing link.
-    Crossing(u64),
+    /// Calls of a crossing link, up to this run.
+    Calls(Rc<dyn RemoteReceive>, u32),
+    /// The newest call of a crossing `Latest` link.
+    Newest(Rc<dyn RemoteReceive>),
     /// A crossing link goes on in another ring.
     Ring(u64, Box<dyn Any + Send>),
     /// Work that counts as a call.

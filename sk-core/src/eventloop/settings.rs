@@ -22,6 +22,11 @@ pub enum TimingMode {
     /// Sleep until a socket is ready, a message of another thread arrives or a timer is due, and one
     /// interval at most. Traffic makes it pulse earlier.
     SelectIo,
+    /// As `SelectIo`, but a round is a tick only when a sync source says so: the interval is the source's, not the
+    /// loop's own. A sync tick that comes in makes the next round a tick, begun without waiting; every other
+    /// round has none. Four intervals without one are counted as `sync_lost`. A satellite goes into this mode
+    /// and back by itself; see [`sync_to`](crate::object::Handle#method.sync_to).
+    Synced,
     /// No wait: a blocking call of the user's own sets the pace. Without one the loop spins.
     NoTiming,
 }

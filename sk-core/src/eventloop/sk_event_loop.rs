@@ -12,6 +12,8 @@ use std::time::Duration;
 pub struct SkEventLoop {
     /// A round took longer than an interval; carries how many ticks were missed since the last time.
     pub overrun: Signal<u64>,
+    /// A `Synced` loop waited four intervals for a tick of its source that did not come.
+    pub sync_lost: Signal<()>,
     /// The work of a round took more than 80 % of the interval: once per episode.
     pub overloaded: Signal<Overload>,
     /// A slot answered `Err` or panicked.
@@ -67,6 +69,7 @@ crate::object! {
     pub SkEventLoop {
         signals {
             overrun(u64)
+            sync_lost()
             overloaded(&Overload)
             slot_failed(&Failure)
             mailbox_full()
@@ -174,6 +177,7 @@ impl std::fmt::Display for Overload {
 /// What the loop has to say at the end of a round.
 pub(crate) enum News {
     Overrun(u64),
+    SyncLost,
     Overloaded(Overload),
     SlotFailed(Failure),
     MailboxFull,
@@ -192,6 +196,7 @@ impl Cx {
             let object = self.own.event_loop;
             match news {
                 News::Overrun(missed) => self.emit_own(object, |l| &l.overrun, &missed),
+                News::SyncLost => self.emit_own(object, |l| &l.sync_lost, &()),
                 News::Overloaded(overload) => self.emit_own(object, |l| &l.overloaded, &overload),
                 News::SlotFailed(failure) => self.emit_own(object, |l| &l.slot_failed, &failure),
                 News::MailboxFull => self.emit_own(object, |l| &l.mailbox_full, &()),

@@ -76,6 +76,8 @@ pub struct Counters {
     pub timers_fired: u64,
     /// Objects buried.
     pub buried: u64,
+    /// How often a `Synced` loop waited four intervals for a tick of its source that did not come.
+    pub sync_lost: u64,
 }
 
 /// A snapshot of a loop's statistics.

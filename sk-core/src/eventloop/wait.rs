@@ -16,8 +16,15 @@ const ERRORS_KEPT: usize = 256;
 const ERRORS_PER_UPDATE: u32 = 64;
 /// A real-time thread that runs this long without a sleep is put back into the normal class.
 const REALTIME_RUN_MAX: Duration = Duration::from_millis(500);
+/// How often a spinning loop looks into its inbox: a look takes the cache lines that a sender is writing.
+const LOOK_EVERY: Duration = Duration::from_micros(2);
+/// From here to the deadline nothing is done but looking at the clock.
+const LAST_STRETCH: Duration = Duration::from_nanos(500);
 /// How often a loop that does not sleep in a poll looks for POSIX signals.
 const OS_SIGNALS_EVERY: Duration = Duration::from_millis(50);
+
+/// After how many intervals without a tick the source of a `Synced` loop counts as lost.
+const SYNC_TIMEOUT_INTERVALS: u32 = 4;
 
 /// What the next wait is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,6 +54,10 @@ pub(crate) struct Pacing {
     pub overload: Option<Overload>,
     pub overload_told: bool,
     pub overload_quiet_at: Instant,
+    /// A sync tick came in: the next round of a `Synced` loop is a tick.
+    pub sync_ticked: bool,
+    /// The last sync tick, or when the wait for one began anew.
+    sync_since: Instant,
     margin: Margin,
     prepared_for: Option<TimingMode>,
     /// Held as long as the loop lives.
@@ -67,6 +78,8 @@ impl Pacing {
             overload: None,
             overload_told: false,
             overload_quiet_at: now,
+            sync_ticked: false,
+            sync_since: now,
             margin: Margin::new(),
             prepared_for: None,
             wake_latency: None,
@@ -114,6 +127,7 @@ impl Cx {
         if self.pacing.changed {
             self.pacing.changed = false;
             self.pacing.next_due = self.world.clock.now();
+            self.pacing.sync_since = self.pacing.next_due;
             self.measures.restart();
         }
         match self.settings.mode {
@@ -124,6 +138,34 @@ impl Cx {
                 Plan::At(self.pacing.next_due)
             }
             TimingMode::SelectIo => self.plan_io(interval),
+            TimingMode::Synced => self.plan_synced(interval),
+        }
+    }
+
+    fn plan_synced(&mut self, interval: Duration) -> Plan {
+        if std::mem::take(&mut self.pacing.sync_ticked) {
+            return Plan::Now { tick: true };
+        }
+        if self.has_work_left() {
+            return Plan::Now { tick: false };
+        }
+        let lost_at = self.pacing.sync_since + interval * SYNC_TIMEOUT_INTERVALS;
+        Plan::Io(self.timers.next_due().map_or(lost_at, |timer| timer.min(lost_at)))
+    }
+
+    /// Whether a round after a wait for readiness is a tick.
+    pub(crate) fn ticks_after_io(&self) -> bool {
+        self.settings.mode != TimingMode::Synced
+    }
+
+    /// At the beginning of each round of a `Synced` loop.
+    pub(crate) fn note_sync(&mut self, tick: bool, now: Instant) {
+        if tick {
+            self.pacing.sync_since = now;
+        } else if now.since(self.pacing.sync_since) >= self.settings.interval * SYNC_TIMEOUT_INTERVALS {
+            self.pacing.sync_since = now;
+            self.counters.sync_lost += 1;
+            self.news.push_back(crate::eventloop::sk_event_loop::News::SyncLost);
         }
     }
 
@@ -159,29 +201,41 @@ impl Cx {
                 self.round(true, Some(due));
             }
             Plan::At(due) => {
-                self.wait_precisely(due);
-                self.round(true, Some(due));
+                let ended = self.wait_precisely(due);
+                self.round_from(ended, true, Some(due));
             }
             Plan::Io(due) => {
-                let tick = self.wait_for_io(due);
+                let tick = self.wait_for_io(due) && self.ticks_after_io();
                 self.round(tick, None);
             }
         }
     }
 
-    /// Sleeps until shortly before the deadline, then spins. Messages that come meanwhile are taken at once,
-    /// so that their senders need no system call; their calls run in their step, after the tick.
-    fn wait_precisely(&mut self, due: Instant) {
+    /// Sleeps until shortly before the deadline, then spins. Messages that come meanwhile are taken, so that
+    /// their senders need no system call; their calls run in their step, after the tick. Answers the moment at
+    /// which the wait ended.
+    fn wait_precisely(&mut self, due: Instant) -> Instant {
         let interval = self.settings.interval;
         let wake_at = due - self.pacing.margin.within(interval);
-        if self.world.clock.now() < wake_at {
+        let mut now = self.world.clock.now();
+        if now < wake_at {
             self.world.clock.sleep_until(wake_at);
-            self.pacing.margin.note(self.world.clock.now().since(wake_at), interval);
+            now = self.world.clock.now();
+            self.pacing.margin.note(now.since(wake_at), interval);
         }
-        while self.world.clock.now() < due {
-            self.take_messages();
-            std::hint::spin_loop();
+        let mut look_at = now;
+        while now < due {
+            if now + LAST_STRETCH < due {
+                if look_at <= now {
+                    self.take_messages();
+                    self.rehearse_tick();
+                    look_at = now + LOOK_EVERY;
+                }
+                std::hint::spin_loop();
+            }
+            now = self.world.clock.now();
         }
+        now
     }
 
     /// Answers whether the round after it is a tick: something came, or it is due.

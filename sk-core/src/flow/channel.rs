@@ -8,6 +8,7 @@ use super::kinds::ChannelKind;
 use super::limits::{CHANNELS_MAX, CHANNELS_RESERVED_FOR_HUB};
 use super::value::{Form, Properties};
 use super::{Event, Message};
+use crate::testing::{Bug, is_planted};
 use sk_flat::Name;
 use std::collections::{BTreeMap, VecDeque};
 
@@ -202,7 +203,7 @@ impl<T> Registry<T> {
             .get(id)?
             .open
             .as_deref()
-            .filter(|(channel, _)| channel.reference == reference)
+            .filter(|(channel, _)| channel.reference == reference || is_planted(Bug::StaleEpoch))
     }
 
     /// The channel of a reference, to be changed; `None` if it is stale.
@@ -212,7 +213,7 @@ impl<T> Registry<T> {
             .get_mut(id)?
             .open
             .as_deref_mut()
-            .filter(|(channel, _)| channel.reference == reference)
+            .filter(|(channel, _)| channel.reference == reference || is_planted(Bug::StaleEpoch))
     }
 
     /// The channel of a full name.

@@ -41,6 +41,9 @@ pub const SUBSCRIPTION_DEPTH_DEFAULT: u16 = 64;
 /// How many whole messages a subscription may ask to keep.
 pub const SUBSCRIPTION_DEPTH_MAX: u16 = 1_024;
 
+/// How many channels may repeat one another in a row.
+pub const REPLICA_LEVELS_MAX: usize = 8;
+
 /// How many requests one connection may have open at services, those it is still sending included.
 pub const REQUESTS_PER_ASKER_MAX: usize = 64;
 /// How many open requests the services of one owner may have together; a hub's own services too.
@@ -50,8 +53,24 @@ pub const DEADLINE_DEFAULT: Duration = Duration::from_secs(5);
 /// How long an answer may be waited for.
 pub const DEADLINE_MAX: Duration = Duration::from_secs(3_600);
 
+/// How often the reports of one target of a sync channel come, at most.
+pub const TICK_REPORT_INTERVAL: Duration = Duration::from_secs(1);
+/// How long a target that was divided down must keep up before it gets more ticks again; longer each time that it
+/// fails.
+pub const SYNC_GOOD_TIME_MIN: Duration = Duration::from_secs(5);
+/// The longest that this becomes.
+pub const SYNC_GOOD_TIME_MAX: Duration = Duration::from_secs(60);
+
 /// What may wait for one connection, payloads counted in full. Beyond it its messages are dropped.
 pub const CONNECTION_BYTES_MAX: usize = 32 * 1024 * 1024;
+/// What may wait for all connections together, and be kept for late joiners, shared payloads counted once.
+pub const HUB_BYTES_MAX: usize = 256 * 1024 * 1024;
+/// What is kept of it for late joiners and for those who poll, at most.
+pub const KEPT_BYTES_MAX: usize = HUB_BYTES_MAX / 2;
+/// How much a hub that has too many bytes waiting drops at once, so that it need not look for room each time.
+pub const SHED_BYTES: usize = HUB_BYTES_MAX / 16;
+/// How far the owner of a reliable channel may be ahead of its slowest subscriber before it has to wait.
+pub const CREDIT_BYTES: u64 = 1024 * 1024;
 /// What unfinished messages of one connection may hold together.
 pub const UNFINISHED_BYTES_MAX: usize = 32 * 1024 * 1024;
 /// What one fragment or one waiting message is charged beyond its payload.
@@ -90,6 +109,18 @@ pub const UNSAVED_PER_FLOW_MAX: usize = 1_024;
 pub const CONNECTIONS_MAX: usize = 16_384;
 /// How many connections may be open at once without a login.
 pub const UNAUTHENTICATED_MAX: usize = 1_024;
+/// How many connections one address may open at once, and how many a second after that.
+pub const CONNECTIONS_PER_ADDRESS_BURST: u64 = 512;
+/// See [`CONNECTIONS_PER_ADDRESS_BURST`].
+pub const CONNECTIONS_PER_ADDRESS_PER_SECOND: u64 = 256;
+/// How many addresses are remembered for such limits.
+pub const ADDRESSES_MAX: usize = 4_096;
+/// How many logins from one address may fail within [`FAILED_LOGINS_WINDOW`]; further ones are answered late.
+pub const FAILED_LOGINS_FREE: u32 = 5;
+/// See [`FAILED_LOGINS_FREE`].
+pub const FAILED_LOGINS_WINDOW: Duration = Duration::from_secs(60);
+/// How late.
+pub const FAILED_LOGIN_DELAY: Duration = Duration::from_secs(1);
 /// The time from the opening of a connection to its login, all of it.
 pub const LOGIN_TIME_MAX: Duration = Duration::from_secs(2);
 /// A side that heard nothing for this long asks with a ping.
@@ -112,6 +143,8 @@ const _: () = {
     assert!(MESSAGE_BYTES_MAX <= UNFINISHED_BYTES_MAX && MESSAGE_BYTES_MAX <= CONNECTION_BYTES_MAX);
     assert!(CHANNELS_MAX == i16::MAX as usize + 1 && CHANNELS_RESERVED_FOR_HUB < CHANNELS_MAX);
     assert!(PROPERTIES_JSON_BYTES_MAX < CONTROL_BYTES_MAX && VALUE_BYTES_MAX < CONTROL_BYTES_MAX / 2);
+    assert!(CREDIT_BYTES as usize + MESSAGE_BYTES_MAX < CONNECTION_BYTES_MAX);
+    assert!(CONNECTION_BYTES_MAX <= KEPT_BYTES_MAX && SHED_BYTES >= MESSAGE_BYTES_MAX);
     assert!(VERSION_OLDEST <= VERSION);
     assert!(REQUESTS_PER_ASKER_MAX < REQUESTS_PER_OWNER_MAX);
 };

@@ -1,7 +1,7 @@
 //! What a satellite hears, and a module's way to publish.
 
-use super::SkFlowSat;
 use super::satellite::ChannelInfo;
+use super::{Call, Service, SkFlowSat};
 use crate::Cx;
 use crate::object::Handle;
 use bytes::Bytes;
@@ -96,6 +96,24 @@ impl Flow {
     /// Publishes bytes as they are.
     pub fn publish_bytes(&self, cx: &mut Cx, name: &str, payload: impl Into<Bytes>) -> bool {
         self.satellite.publish_bytes(cx, &self.channel_name(name), payload)
+    }
+
+    /// Offers a service of this module's; see [`Handle::serve`](Handle#method.serve).
+    ///
+    /// # Errors
+    /// If the name or the properties cannot be, or the satellite is gone.
+    pub fn serve(
+        &self,
+        cx: &mut Cx,
+        name: &str,
+        properties: impl IntoVariant,
+    ) -> io::Result<Handle<Service>> {
+        self.satellite.serve(cx, &self.channel_name(name), properties)
+    }
+
+    /// Asks anybody's service, by its full name; see [`Handle::call`](Handle#method.call).
+    pub fn call(&self, cx: &mut Cx, service: &str, value: impl IntoVariant) -> Handle<Call> {
+        self.satellite.call(cx, service, value)
     }
 
     /// Whether somebody listens to a channel of this module.

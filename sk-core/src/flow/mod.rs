@@ -11,6 +11,7 @@
 //!
 //! `docs/flow-protocol.md` is the normative description for people who write another client.
 
+mod call;
 pub mod channel;
 pub mod codec;
 pub mod database;
@@ -24,9 +25,11 @@ mod kinds;
 pub mod limits;
 pub mod login;
 mod message;
-
+mod outgoing;
+pub mod report;
 pub mod satellite;
 pub mod server;
+mod service;
 mod sk_flow_sat;
 mod sk_flow_server;
 pub mod state;
@@ -35,6 +38,7 @@ pub mod transport;
 mod value;
 pub mod wire;
 
+pub use call::{Answer, Call, CallError};
 pub use codec::ChannelRef;
 pub use definition::{Definition, Direction, Encoded, Field, Message, Right, Rights, States, Tagged};
 pub use error::{ClosingReason, ProtocolError, RefusalCode};
@@ -42,9 +46,13 @@ pub use frame::{Flags, Header};
 pub use inbound::Inbound;
 pub use kinds::{ChannelKind, Policy};
 pub use message::{Flow, FlowMessage};
-pub use sk_flow_sat::SkFlowSat;
+pub use satellite::{Divisor, TickReport};
+pub use service::{Request, Service};
+pub use sk_flow_sat::{FlowDatabase, SkFlowSat, Variable};
 pub use sk_flow_server::SkFlowServer;
 pub use state::State;
 pub use table::{Command, Event};
 pub use transport::{AddressError, FLOW_PATH, HubAddress, PipeSeed};
+#[cfg(feature = "tls")]
+pub use transport::{TlsError, TlsIdentity, TlsTrust};
 pub use value::{Form, Properties, Value};

@@ -1,6 +1,8 @@
 //! The hub's server as an object: listeners and links around a [`ServerCore`].
 
 mod doors;
+mod keeper;
+mod services;
 
 use super::server::{ConnectionId, Notice, Origin, ServerCore, Settings, TooManyConnections};
 use super::transport::{Broken, Core, Link, PipeEnd, PipeSeed, StreamLink, TURN_BYTES_MAX, Turn};
@@ -12,8 +14,10 @@ use crate::net::Door;
 use crate::net::http::HttpServer;
 use crate::object::{Access, Handle, ObjectId};
 use crate::signal::Signal;
+use crate::testing::{Bug, is_planted};
 use crate::world::{Endpoint, Readiness, Stream, Token};
 use crate::{Cx, attach};
+use keeper::Keeper;
 use rustc_hash::FxHashMap;
 use sk_flat::{Instant, Name};
 use std::io::{self, ErrorKind};
@@ -58,11 +62,15 @@ pub struct SkFlowServer {
     leaving: Vec<ConnectionId>,
     /// Room for the links of one flush.
     flushing: Vec<Token>,
+    /// What the hub serves itself.
+    services: services::Services,
     ending: Option<Ending>,
     out_of_descriptors: bool,
     flush_asked: bool,
     work_token: Token,
     room: Vec<u8>,
+    /// The way to the disk, if databases are kept.
+    keeper: Option<Keeper>,
     /// A satellite logged in; carries its account.
     pub logged_in: Signal<String>,
     /// A channel was opened; carries its full name.
@@ -86,7 +94,7 @@ struct Served {
 crate::object! {
     pub SkFlowServer {
         signals { logged_in(String) channel_added(String) channel_removed(String) ended() }
-        slots { on_check() }
+        slots { on_check() on_request_deadline() }
         hooks { on_destroy }
     }
 }
@@ -137,6 +145,8 @@ impl SkFlowServer {
         cx.named("flow_server").spawn_with(|cx, this: Handle<SkFlowServer>| {
             let timer = cx.under(this).spawn(Timer::default());
             attach!(cx, timer.timeout => this.on_check);
+            let request_timer = cx.under(this).spawn(Timer::default());
+            attach!(cx, request_timer.timeout => this.on_request_deadline);
             // The timer was made just now and is no more gone than this object.
             let _ = timer.start(cx, CHECK_EVERY);
             SkFlowServer {
@@ -150,11 +160,13 @@ impl SkFlowServer {
                 unfinished: Vec::new(),
                 leaving: Vec::new(),
                 flushing: Vec::new(),
+                services: services::Services::new(request_timer),
                 ending: None,
                 out_of_descriptors: false,
                 flush_asked: false,
                 work_token: cx.add_source(this.id(), work),
                 room: vec![0; TURN_BYTES_MAX],
+                keeper: None,
                 logged_in: Signal::new(),
                 channel_added: Signal::new(),
                 channel_removed: Signal::new(),
@@ -170,12 +182,13 @@ impl SkFlowServer {
 
     fn on_check(&mut self, cx: &mut Cx) {
         self.core.tick(cx.now());
-        self.after(cx);
+        self.take_stored(cx);
     }
 
     fn on_destroy(&mut self, cx: &mut Cx) {
         self.core.shut_down(cx.now());
         self.flush(cx);
+        self.store_the_rest(cx);
         for (_, served) in self.links.drain() {
             if let Some(link) = served.link {
                 link.close(cx);
@@ -230,10 +243,19 @@ impl SkFlowServer {
                 return;
             }
         };
+        self.take_link(cx, token, Box::new(StreamLink::new(stream)), origin, opened);
+    }
+
+    fn take_link(&mut self, cx: &mut Cx, token: Token, link: Box<dyn Link>, origin: Origin, opened: Instant) {
+        if !self.core.admits(origin, opened) {
+            // Too many at once from there: closed without a word, before it costs anything.
+            cx.remove_source(token);
+            return;
+        }
         let mut nonce = [0; 32];
         cx.world().rng.fill(&mut nonce);
         match self.core.open(origin, nonce, opened) {
-            Ok(connection) => self.enlist(token, connection, StreamLink::new(stream)),
+            Ok(connection) => self.enlist(token, connection, link),
             Err(TooManyConnections) => cx.remove_source(token),
         }
         self.after(cx);
@@ -293,7 +315,9 @@ impl SkFlowServer {
             }
             served.held
         });
+        self.store_requests(cx);
         self.end_in_turn(cx);
+        self.watch_request_deadlines(cx);
         if self.core.has_work() {
             cx.offer_source(self.work_token);
         }
@@ -329,6 +353,10 @@ impl SkFlowServer {
             Notice::ChannelRemoved { name, .. } => {
                 self.tell(cx, |server| &server.channel_removed, name.to_string());
             }
+            Notice::Request { channel, request, asker, payload } => {
+                self.on_request(cx, channel, request, asker, payload);
+            }
+            Notice::RequestOver { request } => self.on_request_over(cx, request),
             _ => {}
         }
     }
@@ -348,7 +376,13 @@ impl SkFlowServer {
         let mut tokens = std::mem::take(&mut self.flushing);
         tokens.append(&mut self.unfinished);
         tokens.extend(self.core.take_dirty().filter_map(|id| self.tokens.get(&id)));
+        // Only a planted bug lets anybody wait behind another.
+        let mut behind = Vec::new();
         for token in tokens.drain(..) {
+            if !behind.is_empty() {
+                behind.push(token);
+                continue;
+            }
             let Some(served) = self.links.get_mut(&token) else { continue };
             let id = served.connection;
             let Some(mut link) = served.link.take() else { continue };
@@ -363,7 +397,11 @@ impl SkFlowServer {
                 Turn::More => self.unfinished.push(token),
                 Turn::Done | Turn::Held => {}
             }
+            if is_planted(Bug::StuckPeerBlocks) && self.core.has_output(id) {
+                behind.push(token);
+            }
         }
+        tokens.append(&mut behind);
         self.flushing = tokens;
         if self.ending == Some(Ending::Flush) {
             // Those who read have been given all that was queued.
@@ -383,7 +421,8 @@ impl SkFlowServer {
         match self.ending {
             None | Some(Ending::Ended) => {}
             Some(Ending::Insiders { until }) => {
-                if self.core.insiders() == 0 || now >= until {
+                let said = self.core.insiders() == 0 && self.core.unanswered_store_requests() == 0;
+                if said || now >= until {
                     self.ending = Some(Ending::Flush);
                 }
             }
@@ -417,7 +456,7 @@ impl SkFlowServer {
 /// How far the server's end has come.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Ending {
-    /// Modules inside may still have something to say.
+    /// Modules inside may still have something to say, and the disk to do.
     Insiders { until: Instant },
     /// They have said it; it goes out with the next flush.
     Flush,

@@ -6,6 +6,8 @@ use crate::module::{
 };
 use sk_flat::SkVariant;
 
+type MakeRunner = fn(&str, Flow, &SkVariant) -> Result<Box<dyn AnyRunner>, ModuleError>;
+
 /// A class of modules, without its type: `Copy` and `Send`, so that the module itself can be made on another
 /// thread.
 ///
@@ -35,7 +37,7 @@ pub struct ModuleClass {
     schema: fn() -> SkVariant,
     complete: fn(&SkVariant) -> Result<SkVariant, ParameterError>,
     check_one: fn(&str, &SkVariant) -> Result<(), ParameterError>,
-    runner: fn(&str, Flow, &SkVariant) -> Result<Box<dyn AnyRunner>, ModuleError>,
+    runner: MakeRunner,
 }
 
 impl ModuleClass {

@@ -88,6 +88,8 @@ pub(super) struct ThreadHome {
     /// When the thread was asked whether it is awake, while it has not answered.
     asked_at: Option<Instant>,
     silent: bool,
+    /// It was told to end and did not in time.
+    given_up: bool,
 }
 
 impl ThreadHome {
@@ -104,6 +106,7 @@ impl ThreadHome {
             next_ticket: 0,
             asked_at: None,
             silent: false,
+            given_up: false,
         }
     }
 
@@ -175,13 +178,13 @@ impl ThreadHome {
             Some(agent) => agent.end(cx),
             None => cx.quit(),
         });
-        let within = self.end_within();
+        // One that was waited for is not waited for again.
+        let within = if self.given_up { Duration::ZERO } else { self.end_within() };
         match self.ended.take().map(|ended| ended.recv_timeout(within)) {
             Some(Err(RecvTimeoutError::Timeout)) => {
-                tracing::error!(
-                    "module {} did not stop within {within:?}: the hub ends without it",
-                    self.name
-                );
+                if !self.given_up {
+                    tracing::error!("module {} did not stop in time: the hub ends without it", self.name);
+                }
                 thread.abandon();
             }
             _ => drop(thread),
@@ -258,7 +261,7 @@ impl Handle<ModuleSupervisor> {
         self.with_home(cx, |home, _| {
             home.thread = Some(thread);
             home.ended = Some(ended);
-            (home.asked_at, home.silent) = (None, false);
+            (home.asked_at, home.silent, home.given_up) = (None, false, false);
         })?;
         let watch = cx.with(self, |supervisor, _| supervisor.watch)?;
         Ok(watch.start(cx, LOOK_EVERY)?)
@@ -350,6 +353,9 @@ impl Handle<ModuleSupervisor> {
         let path = cx.path_of(self);
         tracing::error!("{path} does not stop: a slot of it hangs; the hub goes on without it");
         let marked = cx.with(self, |supervisor, _| {
+            if let Home::Thread(home) = &mut supervisor.home {
+                home.given_up = true;
+            }
             supervisor.state = ModuleState::Stuck;
             supervisor.last_error = Some("its thread did not end".to_owned());
         });

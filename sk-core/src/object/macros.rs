@@ -1,5 +1,7 @@
 //! The macros a user writes: `object!`, `attach!`, `detach!`.
 
+use crate::object::Class;
+
 /// A 64-bit number for `module::Class.member`: how signals and slots are told apart.
 #[doc(hidden)]
 pub const fn member_uid(module: &str, class: &str, member: &str) -> u64 {
@@ -22,6 +24,15 @@ pub const fn assert_distinct(uids: &[u64]) {
             j += 1;
         }
         i += 1;
+    }
+}
+
+/// Whether there is anything to call when an object of the class is spawned or buried.
+#[doc(hidden)]
+pub const fn has_hooks(own: &[&str], base: Option<&'static Class>) -> bool {
+    match base {
+        Some(base) => base.has_hooks || !own.is_empty(),
+        None => !own.is_empty(),
     }
 }
 
@@ -165,6 +176,10 @@ macro_rules! __object {
                     signals: &[$(<$self as __Metas>::$signal),*],
                     slots: &[$(<$slot<$self> as $crate::macro_support::SlotTag>::META),*],
                     base: $crate::__object!(@base_class [$($base)*]),
+                    has_hooks: $crate::macro_support::has_hooks(
+                        &[$(stringify!($hook)),*],
+                        $crate::__object!(@base_class [$($base)*]),
+                    ),
                 };
                 fn signals_of<P: $crate::object::Place>(place: &P) -> Self::Signals<P> {
                     __Signals {

@@ -86,6 +86,9 @@ pub struct Class {
     pub slots: &'static [&'static SlotMeta],
     /// The class it extends.
     pub base: Option<&'static Class>,
+    /// Whether it or a base of it has a hook.
+    #[doc(hidden)]
+    pub has_hooks: bool,
 }
 
 impl Class {

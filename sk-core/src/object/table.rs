@@ -186,17 +186,18 @@ impl Table {
     fn unlink(&mut self, index: u32) {
         let Entry { parent, previous, next, .. } = self.entries[index as usize];
         let first = self.first_of(parent);
-        if first == index {
+        let is_first = first == index;
+        if is_first {
             self.set_first_of(parent, next);
         } else {
             self.entries[previous as usize].next = next;
         }
-        let new_first = self.first_of(parent);
         if next != NONE {
             // `previous` of the first is the last; taking the first away hands that on.
             self.entries[next as usize].previous = previous;
-        } else if new_first != NONE && first != index {
-            self.entries[new_first as usize].previous = previous;
+        } else if !is_first {
+            // The last went: the first knows the new one.
+            self.entries[first as usize].previous = previous;
         }
     }
 
@@ -209,27 +210,30 @@ impl Table {
 
     /// Takes a childless object out; its id names nobody from now on.
     pub(crate) fn release(&mut self, id: ObjectId) -> Option<Rc<dyn AnyNode>> {
-        self.entry(id)?;
-        debug_assert_eq!(self.entries[id.index as usize].first_child, NONE, "children are buried first");
-        self.unlink(id.index);
-        if self.entries[id.index as usize].named
-            && let Some(name) = self.names.remove(&id.index)
-        {
-            let parent = self.entries[id.index as usize].parent;
-            self.by_name.remove(&(parent, name));
+        let entry = self.entry(id)?;
+        debug_assert_eq!(entry.first_child, NONE, "children are buried first");
+        if entry.named {
+            self.forget_name(id.index);
         }
+        self.unlink(id.index);
+        self.living -= 1;
         let entry = &mut self.entries[id.index as usize];
-        let node = entry.node.take();
         entry.occupied = false;
-        entry.named = false;
         // An entry whose generations are used up is never given out again.
         if let Some(generation) = entry.generation.checked_add(1) {
             entry.generation = generation;
             entry.next = self.free;
             self.free = id.index;
         }
-        self.living -= 1;
-        node
+        entry.node.take()
+    }
+
+    fn forget_name(&mut self, index: u32) {
+        let entry = &mut self.entries[index as usize];
+        entry.named = false;
+        if let Some(name) = self.names.remove(&index) {
+            self.by_name.remove(&(entry.parent, name));
+        }
     }
 
     /// The object that stands at an index now.

@@ -5,7 +5,6 @@ use crate::object::{MARKED, WAITING};
 use crate::signal::{Call, Delivery, LinkKey, Mode, Reached, SlotMeta};
 use crate::sys::role::Held;
 use crate::thread::RemoteSend;
-use smallvec::SmallVec;
 use std::borrow::Borrow;
 use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
@@ -43,9 +42,45 @@ impl<A: ?Sized + ToOwned> Clone for Link<A> {
     }
 }
 
-/// The links of a signal, in the order they were attached. Frozen from rewire to rewire. Most signals have one,
-/// which lies in the list itself.
-pub(crate) struct Links<A: ?Sized + ToOwned>(pub SmallVec<[Link<A>; 1]>);
+/// The links of a signal, in the order they were attached. Frozen from rewire to rewire.
+pub(crate) enum Links<A: ?Sized + ToOwned> {
+    /// Most signals that are heard at all have one listener, which costs no list.
+    One(Link<A>),
+    Many(Vec<Link<A>>),
+}
+
+impl<A: ?Sized + ToOwned> Clone for Links<A> {
+    fn clone(&self) -> Self {
+        match self {
+            Links::One(link) => Links::One(link.clone()),
+            Links::Many(links) => Links::Many(links.clone()),
+        }
+    }
+}
+
+impl<A: ?Sized + ToOwned> Links<A> {
+    pub(crate) fn of(mut links: Vec<Link<A>>) -> Option<Links<A>> {
+        match links.len() {
+            0 => None,
+            1 => links.pop().map(Links::One),
+            _ => Some(Links::Many(links)),
+        }
+    }
+
+    pub(crate) fn into_vec(self) -> Vec<Link<A>> {
+        match self {
+            Links::One(link) => vec![link],
+            Links::Many(links) => links,
+        }
+    }
+
+    pub(crate) fn as_slice(&self) -> &[Link<A>] {
+        match self {
+            Links::One(link) => std::slice::from_ref(link),
+            Links::Many(links) => links,
+        }
+    }
+}
 
 /// A link that is queued, or spent after one call, or both.
 pub(crate) struct Kept<A: ?Sized + ToOwned> {

@@ -6,7 +6,6 @@ use crate::signal::link::{Kept, Kind, Link, missed};
 use crate::signal::{Bound, Call, Delivery, LinkKey, Links, Mode, Reached, SlotMeta};
 use crate::sys::role::Held;
 use crate::thread::RemoteSend;
-use smallvec::SmallVec;
 use std::any::{Any, TypeId};
 use std::borrow::Borrow;
 use std::fmt;
@@ -55,7 +54,11 @@ impl<A: ?Sized + ToOwned> Signal<A> {
 
     /// How many slots listen.
     pub fn listeners(&self) -> usize {
-        self.links.as_ref().map_or(0, |links| links.0.len())
+        self.links().len()
+    }
+
+    fn links(&self) -> &[Link<A>] {
+        self.links.as_ref().map_or(&[], |links| links.as_slice())
     }
 }
 
@@ -66,15 +69,15 @@ impl<A: ?Sized + ToOwned + 'static> Signal<A> {
     #[inline]
     pub fn emit(&self, cx: &mut Cx, args: impl Borrow<A>) {
         let Some(links) = &self.links else { return };
-        match &links.0[..] {
+        match &**links {
             // The most usual case stands where the signal is emitted, without a call but the slot's.
-            [Link { kind: Kind::Direct(call), .. }] if cx.depth < cx.depth_max => {
+            Links::One(Link { kind: Kind::Direct(call), .. }) if cx.depth < cx.depth_max => {
                 let depth = cx.depth;
                 cx.depth = depth + 1;
                 call_direct(call, cx, args.borrow());
                 cx.depth = depth;
             }
-            _ => links.fire(cx, args.borrow()),
+            links => links.fire(cx, args.borrow()),
         }
     }
 
@@ -124,8 +127,8 @@ impl<A: ?Sized + ToOwned + 'static> Links<A> {
             return self.fire_carefully(cx, args);
         }
         cx.depth = depth + 1;
-        let mut rest = Rest(self.0.iter());
-        while let Some(link) = rest.0.next() {
+        let mut rest = Rest(self.as_slice().iter());
+        for link in rest.0.by_ref() {
             match &link.kind {
                 Kind::Direct(call) => call_direct(call, cx, args),
                 _ => link.emit_kept(cx, args),
@@ -140,15 +143,15 @@ impl<A: ?Sized + ToOwned + 'static> Links<A> {
         if cx.is_too_deep() {
             // Counted as one level all the same, so that a spent link is noted for its own emitter.
             cx.depth += 1;
-            for link in &self.0 {
+            for link in self.as_slice() {
                 link.emit_flat(cx, args);
             }
             cx.depth -= 1;
             return;
         }
         cx.depth += 1;
-        let mut rest = Rest(self.0.iter());
-        while let Some(link) = rest.0.next() {
+        let mut rest = Rest(self.as_slice().iter());
+        for link in rest.0.by_ref() {
             if matches!(link.kind, Kind::Remote(_)) {
                 link.emit_kept(cx, args);
             } else {
@@ -162,7 +165,7 @@ impl<A: ?Sized + ToOwned + 'static> Links<A> {
     pub(crate) fn fire_guarded(&self, cx: &mut Cx, args: &A) {
         cx.depth = 1;
         let timing = cx.timing.on;
-        for link in &self.0 {
+        for link in self.as_slice() {
             cx.guarded(|cx| match &link.kind {
                 Kind::Remote(_) => link.emit_kept(cx, args),
                 _ if timing => cx.timed(|cx| link.emit_kept(cx, args)),
@@ -297,64 +300,74 @@ impl<A: ?Sized + ToOwned + 'static> Signal<A> {
 
     /// Links are frozen between rewires, so nobody else holds them now but an emitter of the loop's own
     /// that was caught in the middle: it keeps the old ones.
-    fn links_mut(&mut self) -> &mut SmallVec<[Link<A>; 1]> {
-        let links = self.links.get_or_insert_with(|| Rc::new(Links(SmallVec::new())));
-        if Rc::get_mut(links).is_none() {
-            *links = Rc::new(Links(links.0.clone()));
-        }
-        match Rc::get_mut(links) {
-            Some(links) => &mut links.0,
-            None => unreachable!("the links were made unique just now"),
-        }
+    fn edit(&mut self, change: impl FnOnce(&mut Vec<Link<A>>)) {
+        let links = match self.links.as_mut().and_then(Rc::get_mut) {
+            Some(Links::Many(links)) => {
+                change(links);
+                if links.len() > 1 {
+                    return;
+                }
+                std::mem::take(links)
+            }
+            _ => {
+                let shared = self.links.take().map(Rc::unwrap_or_clone);
+                let mut links = shared.map_or(Vec::new(), Links::into_vec);
+                change(&mut links);
+                links
+            }
+        };
+        self.links = Links::of(links).map(Rc::new);
     }
 }
 
 impl<A: ?Sized + ToOwned + 'static> AnySignal for Signal<A> {
     fn has(&self, key: LinkKey) -> bool {
-        self.links
-            .as_ref()
-            .is_some_and(|links| links.0.iter().any(|link| link.has(key)))
+        self.links().iter().any(|link| link.has(key))
     }
 
     fn attach(&mut self, order: Order) -> Attached {
         let key = order.key;
         let Some(kind) = Self::kind(order) else { return Attached::Mismatch };
-        let links = self.links_mut();
-        if links.len() == links.capacity() {
-            links.retain(|link| !link.is_dead());
-            if links.len() == links.capacity() {
-                // 1, 2, 4 …: few signals have many listeners.
-                links.reserve_exact(links.len());
-            }
+        let link = Link::new(key, kind);
+        if self.links.is_none() {
+            self.links = Some(Rc::new(Links::One(link)));
+            return Attached::New;
         }
-        links.push(Link::new(key, kind));
+        self.edit(|links| {
+            if links.len() == links.capacity() {
+                links.retain(|link| !link.is_dead());
+                if links.len() == links.capacity() {
+                    // 2, 4, 8 …: few signals have many listeners.
+                    links.reserve_exact(links.len());
+                }
+            }
+            links.push(link);
+        });
         Attached::New
     }
 
     fn detach(&mut self, key: LinkKey) -> bool {
-        let Some(links) = &self.links else { return false };
-        let Some(at) = links.0.iter().position(|link| link.has(key)) else { return false };
-        if links.0.len() == 1 {
+        let Some(at) = self.links().iter().position(|link| link.has(key)) else { return false };
+        if self.listeners() == 1 {
             self.links = None;
         } else {
-            self.links_mut().remove(at);
+            self.edit(|links| drop(links.remove(at)));
         }
         true
     }
 
     fn sweep(&mut self) -> usize {
-        let Some(links) = &self.links else { return 0 };
-        let dead = links.0.iter().filter(|link| link.is_dead()).count();
-        if dead == links.0.len() {
+        let dead = self.links().iter().filter(|link| link.is_dead()).count();
+        if dead == self.listeners() {
             self.links = None;
         } else if dead > 0 {
-            self.links_mut().retain(|link| !link.is_dead());
+            self.edit(|links| links.retain(|link| !link.is_dead()));
         }
         dead
     }
 
     fn each_link(&self, f: &mut dyn FnMut(LinkInfo)) {
-        for link in self.links.iter().flat_map(|links| &links.0) {
+        for link in self.links() {
             let (replaced, refused) = link.losses();
             f(LinkInfo {
                 target: link.key().target,

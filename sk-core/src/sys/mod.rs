@@ -13,4 +13,5 @@ pub(crate) mod role;
 pub(crate) mod sched;
 pub(crate) mod signal;
 pub(crate) mod timer;
+pub(crate) mod tty;
 pub(crate) mod unix;

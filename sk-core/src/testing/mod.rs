@@ -30,11 +30,16 @@
 //! ```
 
 mod node;
+mod planted;
 mod scheduler;
 mod trace;
 
 pub use crate::sys::heap::CountingAllocator;
 pub use node::Node;
+pub use planted::Bug;
+pub(crate) use planted::is_planted;
+#[cfg(feature = "planted-bugs")]
+pub use planted::plant;
 pub(crate) use scheduler::Scheduler;
 pub(crate) use trace::Trace;
 
@@ -48,6 +53,14 @@ use std::time::Duration;
 
 /// The user id that every process of a simulated world has.
 pub const USER_ID: u32 = crate::world::net::SIMULATED_UID;
+
+/// How many rounds and jobs of all loops together may come at one moment of virtual time.
+const STEPS_AT_ONE_MOMENT_MAX: u32 = 100_000;
+
+/// The loops of a simulation find no end at this moment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("virtual time stands still at {0}: the loops always find something to do at once")]
+pub struct Livelock(pub Instant);
 
 /// A simulated world with the loops that live in it.
 pub struct Simulation {
@@ -97,14 +110,29 @@ impl Simulation {
     }
 
     /// Runs all nodes, and no application, up to that moment.
-    pub fn run_until(&self, until: Instant) {
-        while self.scheduler.step_other(until) {}
+    ///
+    /// # Errors
+    /// If the loops go round and round at one moment, so that it is never over.
+    pub fn run_until(&self, until: Instant) -> Result<(), Livelock> {
+        let (mut at, mut steps) = (self.clock().now(), 0_u32);
+        while self.scheduler.step_other(until) {
+            let now = self.clock().now();
+            steps = if now == at { steps + 1 } else { 0 };
+            at = now;
+            if steps == STEPS_AT_ONE_MOMENT_MAX {
+                return Err(Livelock(now));
+            }
+        }
         self.scheduler.pass_to(until);
+        Ok(())
     }
 
     /// The same, for `span` of virtual time.
-    pub fn run_for_nodes(&self, span: Duration) {
-        self.run_until(self.clock().now() + span);
+    ///
+    /// # Errors
+    /// As [`run_until`](Simulation::run_until).
+    pub fn run_for_nodes(&self, span: Duration) -> Result<(), Livelock> {
+        self.run_until(self.clock().now() + span)
     }
 
     /// The virtual clock. `advance` inside a slot makes that slot take time.

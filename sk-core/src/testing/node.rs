@@ -24,11 +24,11 @@ use std::rc::Rc;
 ///     let storage = cx.world().storage.clone();
 ///     storage.replace("/notes".as_ref(), b"kept").map(|()| cx.spawn(Clerk))
 /// })?;
-/// simulation.run_for_nodes(Duration::from_secs(1));
+/// simulation.run_for_nodes(Duration::from_secs(1))?;
 /// let again = node.die(Death::PowerCut, &mut simulation.world().rng(1 << 33));
 /// let node = simulation.node(&again, "clerk", |_| ());
 /// assert_eq!(node.with(|cx| cx.world().storage.read("/notes".as_ref(), 9))?, b"kept");
-/// # Ok::<(), std::io::Error>(())
+/// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub struct Node {
     scheduler: Rc<Scheduler>,

@@ -232,7 +232,7 @@ impl Cx {
             Plan::Sleep(_) | Plan::At(_) => self.round(true, Some(due)),
             Plan::Io(_) => {
                 self.look_at_sources(Some(Duration::ZERO));
-                self.round(true, None);
+                self.round(self.ticks_after_io(), None);
             }
         }
     }

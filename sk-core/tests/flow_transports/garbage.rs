@@ -19,6 +19,7 @@ pub fn throw_at(network: &mut Network) {
     match network.kind {
         #[cfg(feature = "websocket")]
         Kind::WebSocket => throw_messages(network),
+        // Above TLS nothing of this is ever seen.
         Kind::Tcp | Kind::Unix => assert_eq!(spurious(network), raw.len() as u64),
         _ => {}
     }

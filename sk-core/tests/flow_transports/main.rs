@@ -3,11 +3,15 @@
 //! A rule that a transport cannot have is left out where the tests are made, with the reason beside it.
 
 mod garbage;
+mod line_rules;
 mod network;
 mod plug;
 mod rules;
 mod socket;
 mod supply;
+#[cfg(feature = "tls")]
+mod trust_rules;
+mod wire;
 
 /// Makes one test of each rule for one transport.
 macro_rules! conforms {
@@ -51,8 +55,39 @@ conforms! { pipe: crate::network::Kind::Pipe;
     an_end_in_any_round_leaves_the_others_undisturbed,
 }
 
+// A line has no connections of its own that could be cut, held or filled with garbage: the rules beside this suite
+// say what holds when that befalls the whole of it.
+conforms! { tty: crate::network::Kind::Tty;
+    messages_small_and_large_arrive_intact,
+    a_light_channel_is_not_kept_waiting_by_a_heavy_one,
+    an_end_in_any_round_leaves_the_others_undisturbed,
+    a_satellite_that_lost_its_hub_restores_channels_and_subscriptions,
+}
+
 #[cfg(feature = "websocket")]
 conforms! { websocket: crate::network::Kind::WebSocket;
+    messages_small_and_large_arrive_intact,
+    a_light_channel_is_not_kept_waiting_by_a_heavy_one,
+    an_end_at_any_moment_leaves_the_others_undisturbed,
+    garbage_is_killed_and_the_others_live_on,
+    a_peer_that_does_not_read_costs_a_bounded_amount,
+    a_satellite_that_lost_its_hub_restores_channels_and_subscriptions,
+    a_silent_peer_is_closed_and_the_others_stay,
+}
+
+#[cfg(feature = "tls")]
+conforms! { tls: crate::network::Kind::Tls;
+    messages_small_and_large_arrive_intact,
+    a_light_channel_is_not_kept_waiting_by_a_heavy_one,
+    an_end_at_any_moment_leaves_the_others_undisturbed,
+    garbage_is_killed_and_the_others_live_on,
+    a_peer_that_does_not_read_costs_a_bounded_amount,
+    a_satellite_that_lost_its_hub_restores_channels_and_subscriptions,
+    a_silent_peer_is_closed_and_the_others_stay,
+}
+
+#[cfg(all(feature = "tls", feature = "websocket"))]
+conforms! { secure_websocket: crate::network::Kind::SecureWebSocket;
     messages_small_and_large_arrive_intact,
     a_light_channel_is_not_kept_waiting_by_a_heavy_one,
     an_end_at_any_moment_leaves_the_others_undisturbed,

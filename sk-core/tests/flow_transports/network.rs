@@ -2,11 +2,14 @@
 
 use super::plug::Cable;
 use super::supply::{self, PushedClock};
+use super::wire::Wire;
 use bytes::Bytes;
 use sk_core::flow::login::OwnerToken;
 use sk_core::flow::satellite::Credentials;
 use sk_core::flow::server::Settings;
 use sk_core::flow::{FlowMessage, HubAddress, Rights, SkFlowSat, SkFlowServer};
+#[cfg(feature = "tls")]
+use sk_core::flow::{TlsIdentity, TlsTrust};
 use sk_core::prelude::*;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -21,8 +24,13 @@ pub enum Kind {
     Tcp,
     Unix,
     Pipe,
+    Tty,
     #[cfg(feature = "websocket")]
     WebSocket,
+    #[cfg(feature = "tls")]
+    Tls,
+    #[cfg(all(feature = "tls", feature = "websocket"))]
+    SecureWebSocket,
 }
 
 /// Everything that a satellite has told.
@@ -65,6 +73,27 @@ pub struct Network {
     pub server: Handle<SkFlowServer>,
     /// Where the hub is reached; none for a pipe.
     pub address: Option<HubAddress>,
+    wire: Option<Wire>,
+    #[cfg(feature = "tls")]
+    pub secrets: Secrets,
+}
+
+/// The certificate of the hub, and the key to it.
+#[cfg(feature = "tls")]
+pub struct Secrets {
+    pub identity: TlsIdentity,
+    pub certificate: String,
+}
+
+#[cfg(feature = "tls")]
+impl Secrets {
+    pub fn new() -> Secrets {
+        let made = rcgen::generate_simple_self_signed(["127.0.0.1".to_owned()]).expect("a certificate");
+        let certificate = made.cert.pem();
+        let key = made.signing_key.serialize_pem();
+        let identity = TlsIdentity::from_pem(certificate.as_bytes(), key.as_bytes()).expect("they fit");
+        Secrets { identity, certificate }
+    }
 }
 
 /// A path in the temporary folder that nobody else uses.
@@ -89,19 +118,41 @@ impl Network {
         let builder = SkApp::builder().mode(TimingMode::SelectIo).interval(Duration::from_millis(2));
         let mut app = builder.world(world).build().expect("descriptors are left");
         let server = SkFlowServer::start(app.cx(), settings());
-        let mut network = Network { app, clock, kind, server, address: None };
+        let mut network = Network {
+            app,
+            clock,
+            kind,
+            server,
+            address: None,
+            wire: None,
+            #[cfg(feature = "tls")]
+            secrets: Secrets::new(),
+        };
         let wanted = match kind {
             Kind::Tcp => Some("tcp:127.0.0.1:0".parse().expect("an address")),
             Kind::Unix => Some(HubAddress::Unix(fresh_path("hub.sock"))),
             Kind::Pipe => None,
+            Kind::Tty => Some(network.wire.insert(Wire::new()).hub()),
             #[cfg(feature = "websocket")]
             Kind::WebSocket => Some("ws:127.0.0.1:0/flow".parse().expect("an address")),
+            #[cfg(feature = "tls")]
+            Kind::Tls => Some("tls:127.0.0.1:0".parse().expect("an address")),
+            #[cfg(all(feature = "tls", feature = "websocket"))]
+            Kind::SecureWebSocket => Some("wss:127.0.0.1:0".parse().expect("an address")),
         };
         network.address = wanted.map(|at| network.listen(&at));
         network
     }
 
     fn listen(&mut self, at: &HubAddress) -> HubAddress {
+        #[cfg(feature = "tls")]
+        if at.to_string().starts_with("tls:") || at.to_string().starts_with("wss:") {
+            let identity = self.secrets.identity.clone();
+            return self
+                .server
+                .listen_secured(self.app.cx(), at, identity)
+                .expect("the place is free");
+        }
         self.server.listen(self.app.cx(), at).expect("the place is free")
     }
 
@@ -115,12 +166,17 @@ impl Network {
         self.listen(&at);
     }
 
+    pub fn wire(&self) -> &Wire {
+        self.wire.as_ref().expect("a serial line")
+    }
+
     pub fn cable(&mut self) -> Cable {
         Cable::to(self.address.as_ref().expect("a pipe is no cable"), fresh_path("cable.sock"))
     }
 
     pub fn satellite(&mut self) -> Station {
-        match self.address.clone() {
+        let line = self.wire.as_ref().map(Wire::satellite);
+        match line.or_else(|| self.address.clone()) {
             Some(address) => self.satellite_at(&address),
             None => {
                 let cx = self.app.cx();
@@ -136,7 +192,34 @@ impl Network {
             Kind::Unix => Credentials::Peer,
             _ => Credentials::Token(token()),
         };
+        #[cfg(feature = "tls")]
+        if let Some(trust) = self.trust() {
+            return self.secured(address, trust);
+        }
         let hub = SkFlowSat::connect_as(self.app.cx(), address, credentials);
+        self.station(hub)
+    }
+
+    /// One way of trusting for TCP, the other for WebSocket.
+    #[cfg(feature = "tls")]
+    fn trust(&self) -> Option<TlsTrust> {
+        match self.kind {
+            Kind::Tls => TlsTrust::authority_pem(self.secrets.certificate.as_bytes()).ok(),
+            #[cfg(feature = "websocket")]
+            Kind::SecureWebSocket => TlsTrust::pinned(&self.secrets.identity.fingerprint()).ok(),
+            _ => None,
+        }
+    }
+
+    #[cfg(feature = "tls")]
+    pub fn satellite_without_trust(&mut self, address: &HubAddress) -> Station {
+        let hub = SkFlowSat::connect_as(self.app.cx(), address, Credentials::Token(token()));
+        self.station(hub)
+    }
+
+    #[cfg(feature = "tls")]
+    pub fn secured(&mut self, address: &HubAddress, trust: TlsTrust) -> Station {
+        let hub = SkFlowSat::connect_secured(self.app.cx(), address, Credentials::Token(token()), trust);
         self.station(hub)
     }
 

@@ -6,7 +6,7 @@ use bytes::Bytes;
 use sk_core::prelude::*;
 
 /// Bytes that show where one is missing or out of place.
-fn pattern(length: usize) -> Bytes {
+pub fn pattern(length: usize) -> Bytes {
     (0..length as u32)
         .map(|index| (index.wrapping_mul(2_654_435_761) >> 24) as u8)
         .collect()

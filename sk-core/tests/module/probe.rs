@@ -35,6 +35,7 @@ pub struct Probe {
     name: String,
     flow: Flow,
     parameters: ProbeParameters,
+    ticks: u64,
 }
 
 fn note(name: &str, step: &str, parameters: &ProbeParameters) -> Result<(), String> {
@@ -71,7 +72,7 @@ impl AbstractModule for Probe {
         cx.under(this).named("part").spawn(Timer::default());
         note(&name, "new", parameters)?;
         attach!(cx, cx.fast_zone().pulse => this.tick);
-        Ok(Probe { name, flow, parameters: parameters.clone() })
+        Ok(Probe { name, flow, parameters: parameters.clone(), ticks: 0 })
     }
     fn start(&mut self, _cx: &mut Cx) -> Result<(), String> {
         note(&self.name, "start", &self.parameters)
@@ -111,6 +112,10 @@ impl AbstractModule for Probe {
 
 impl Probe {
     fn tick(&mut self, cx: &mut Cx) {
+        self.ticks += 1;
+        if self.parameters.fault == "slow" && self.ticks.is_multiple_of(10) {
+            cx.world().clock.sleep(Duration::from_millis(150));
+        }
         if self.parameters.fault.ends_with("tick") {
             let _ = note(&self.name, "tick", &self.parameters);
         }

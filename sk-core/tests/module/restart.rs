@@ -143,6 +143,18 @@ fn a_module_that_ran_long_enough_begins_counting_anew() {
 }
 
 #[test]
+fn a_module_whose_slot_keeps_the_loop_is_marked_and_no_other() {
+    let mut hub = Hub::new();
+    let (a, b) = (hub.add("a", "slow", POLICY), hub.add("b", "none", POLICY));
+    hub.modules.start(hub.app.cx());
+    hub.run_ms(3000);
+    let late = |module: Handle<ModuleSupervisor>, hub: &mut Hub| module.status(hub.app.cx()).unwrap().late;
+    assert!(late(a, &mut hub) >= 1);
+    assert_eq!(late(b, &mut hub), 0);
+    assert_eq!(hub.state(a), ModuleState::Running, "it is only marked");
+}
+
+#[test]
 fn runs_with_failing_modules_repeat_exactly() {
     let run = || {
         let mut hub = Hub::new();

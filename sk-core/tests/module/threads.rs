@@ -127,7 +127,7 @@ impl Listener {
 object! { Listener { slots { hear() } } }
 
 #[test]
-fn modules_here_and_there_stop_in_reverse_order_and_it_is_told_once() {
+fn s168_modules_here_and_there_stop_in_reverse_order_and_it_is_told_once() {
     let mut hub = Hub::new();
     hub.add("a", "none", POLICY);
     hub.add_there("b", "none", POLICY);

@@ -89,6 +89,11 @@ impl Hub {
         nix::sys::signal::kill(nix::unistd::Pid::from_raw(self.process.id() as i32), signal).unwrap();
     }
 
+    /// Waits for the end; answers whether it was a good one.
+    pub fn end_by_itself(mut self) -> bool {
+        self.process.wait().unwrap().success()
+    }
+
     /// Ctrl-C, and what it said until its end.
     pub fn end(mut self) -> (bool, String, String) {
         self.signal(nix::sys::signal::Signal::SIGINT);

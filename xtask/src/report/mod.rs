@@ -12,16 +12,35 @@ use std::fmt::Write;
 use std::path::Path;
 use std::process::Command;
 
-/// How the report is made.
+/// How the report is made. As it stands it takes some 25 minutes on a quiet machine.
 #[derive(clap::Args)]
 pub(crate) struct Options {
     /// How often every side of every bench is run.
     #[arg(long, default_value_t = 5, value_name = "N")]
     runs: usize,
-    /// How long each side ticks in each run.
+    /// How long each side ticks in each run where the 99.9th percentile decides: with five runs of a tick of
+    /// 1 ms, 100,000 cycles. The other ticks take a fifth of it.
     #[arg(long, default_value_t = 20.0, value_name = "S")]
     seconds: f64,
+    /// Three runs of 3 s instead, for a first look: some minutes.
+    #[arg(long, conflicts_with_all = ["runs", "seconds"])]
+    quick: bool,
 }
+
+impl Options {
+    fn runs(&self) -> usize {
+        if self.quick { QUICK_RUNS } else { self.runs.max(1) }
+    }
+
+    fn seconds(&self) -> f64 {
+        if self.quick { QUICK_SECONDS } else { self.seconds }
+    }
+}
+
+const QUICK_RUNS: usize = 3;
+const QUICK_SECONDS: f64 = 3.0;
+/// The share of `--seconds` for which those ticks last that have no figure in the tail to be judged.
+const SHORT_SHARE: f64 = 0.2;
 
 /// One invocation of a bench.
 struct Part {
@@ -30,6 +49,8 @@ struct Part {
     arguments: Vec<String>,
     /// The name of the plot, below the page's folder.
     plot: Option<&'static str>,
+    /// How many cycles each side ticks, all runs together.
+    cycles: Option<u64>,
 }
 
 /// What it came to.
@@ -43,29 +64,44 @@ struct Outcome {
 const PAGE: &str = "docs/performance.md";
 const PLOTS: &str = "docs/performance";
 
+/// The two parts whose tails are judged come first: where a later one has a figure of the same name, theirs
+/// decides.
 fn parts(options: &Options) -> Vec<Part> {
-    let tick = |title, plot: &'static str, words: &[&str]| {
-        let seconds = options.seconds.to_string();
-        let arguments = words
-            .iter()
-            .copied()
-            .chain(["--seconds", &seconds])
-            .map(str::to_owned)
-            .collect();
-        Part { title, bench: "tick_jitter", arguments, plot: Some(plot) }
+    let tick = |title, plot: &'static str, interval_us: u64, seconds: f64, words: &[&str]| {
+        let numbers = [("--interval-us", interval_us.to_string()), ("--seconds", seconds.to_string())];
+        let numbers = numbers.into_iter().flat_map(|(option, number)| [option.to_owned(), number]);
+        let arguments = words.iter().map(|&word| word.to_owned()).chain(numbers).collect();
+        let each = (seconds * 1e6 / interval_us as f64) as u64;
+        let cycles = Some(each * options.runs() as u64);
+        Part { title, bench: "tick_jitter", arguments, plot: Some(plot), cycles }
     };
-    let plain = |title, bench| Part { title, bench, arguments: Vec::new(), plot: None };
+    let plain = |title, bench| Part { title, bench, arguments: Vec::new(), plot: None, cycles: None };
+    let (long, short) = (options.seconds(), options.seconds() * SHORT_SHARE);
+    let two = ["--only", "ours", "--only", "cyclictest"];
+    let two_loaded = ["--load", "--only", "ours", "--only", "cyclictest"];
     vec![
-        tick("Tick of 1 ms, real-time class, idle", "tick-1000us-fifo-idle.svg", &[]),
-        tick("Tick of 1 ms, real-time class, under load", "tick-1000us-fifo-load.svg", &["--load"]),
+        tick("Tick of 1 ms, real-time class, idle", "tick-1000us-fifo-idle.svg", 1_000, long, &two),
         tick(
-            "Tick of 100 us, real-time class, idle",
-            "tick-100us-fifo-idle.svg",
-            &["--interval-us", "100"],
+            "Tick of 1 ms, real-time class, under load",
+            "tick-1000us-fifo-load.svg",
+            1_000,
+            long,
+            &two_loaded,
         ),
+        tick("The same beside all peers, idle", "tick-1000us-fifo-idle-all.svg", 1_000, short, &[]),
+        tick(
+            "The same beside all peers, under load",
+            "tick-1000us-fifo-load-all.svg",
+            1_000,
+            short,
+            &["--load"],
+        ),
+        tick("Tick of 100 us, real-time class, idle", "tick-100us-fifo-idle.svg", 100, short, &[]),
         tick(
             "Tick of 1 ms without privilege, idle",
             "tick-1000us-other-idle.svg",
+            1_000,
+            short,
             &["--policy", "other"],
         ),
         plain("Signals and slots", "signal_slot"),
@@ -86,16 +122,28 @@ pub(crate) fn run(options: &Options) -> Result<(), Failure> {
         let outcome = measure(&part, options)?;
         outcomes.push((part, outcome));
     }
-    let page = page(&machine(), &outcomes);
+    let page = page(&machine(), &outcomes, &profiles()?);
     std::fs::write(PAGE, page).map_err(|error| Failure::file(Path::new(PAGE), error))?;
     println!("written: {PAGE}");
     Ok(())
 }
 
+/// Pages beside this one that show where the time goes, by name.
+fn profiles() -> Result<Vec<String>, Failure> {
+    let folder = Path::new(PLOTS);
+    let entries = std::fs::read_dir(folder).map_err(|error| Failure::file(folder, error))?;
+    let names = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
+    let mut names: Vec<String> = names
+        .filter(|name| name.starts_with("profiles") && name.ends_with(".md"))
+        .collect();
+    names.sort_unstable();
+    Ok(names)
+}
+
 fn measure(part: &Part, options: &Options) -> Result<Outcome, Failure> {
     let mut command = process::cargo();
     command.args(["bench", "--quiet", "--package", "sk-benches", "--bench", part.bench, "--"]);
-    command.args(&part.arguments).args(["--runs", &options.runs.to_string()]);
+    command.args(&part.arguments).args(["--runs", &options.runs().to_string()]);
     let spelled = process::spelled(&command);
     if let Some(plot) = part.plot {
         // Cargo starts a bench in the folder of its package.
@@ -146,13 +194,14 @@ fn machine() -> Vec<(&'static str, String)> {
     ]
 }
 
-fn page(machine: &[(&'static str, String)], outcomes: &[(Part, Outcome)]) -> String {
+fn page(machine: &[(&'static str, String)], outcomes: &[(Part, Outcome)], profiles: &[String]) -> String {
     let mut page = String::from(
         "# Performance\n\nThis page is written by `cargo xtask bench-report`, after `cargo xtask bench-peers`; \
          do not edit it by hand.\n\nEvery side of every run is a process of its own, and the sides take turns. \
          A figure is the median over the runs, with the lowest and the highest beside it. The ratio is our \
          median divided by the peer's: below 1 ours is smaller. The 99.9th percentile and the maximum of a tick \
-         belong to the host when the machine is a virtual one.\n\n| measured on | |\n|---|---|\n",
+         belong to the host when the machine is a virtual one.\n\nWhat the hot paths cost part by part, \
+         counted in instructions, stands in [profiles](performance/profiles.md).\n\n| measured on | |\n|---|---|\n",
     );
     for (what, value) in machine.iter().filter(|(_, value)| !value.is_empty()) {
         // Writing to a string does not fail.
@@ -165,8 +214,19 @@ fn page(machine: &[(&'static str, String)], outcomes: &[(Part, Outcome)]) -> Str
     for goal in GOALS {
         let _ = writeln!(page, "{}", goal.row(&figures));
     }
+    if !profiles.is_empty() {
+        let links: Vec<_> = profiles.iter().map(|name| format!("[{name}](performance/{name})")).collect();
+        let _ = writeln!(
+            page,
+            "\nWhere the time goes, and what stands in the way where a goal is missed: {}.",
+            links.join(", ")
+        );
+    }
     for (part, outcome) in outcomes {
         let _ = write!(page, "\n## {}\n\n    {}\n", part.title, outcome.command);
+        if let Some(cycles) = part.cycles {
+            let _ = write!(page, "\nCycles of each side, all runs together: {cycles}.\n");
+        }
         if let Some(plot) = part.plot {
             let _ = write!(page, "\n![{}](performance/{plot})\n", part.title);
         }
@@ -185,6 +245,15 @@ mod tests {
     }
 
     #[test]
+    fn five_runs_of_the_judged_ticks_are_100_000_cycles() {
+        let options = |quick| Options { runs: 5, seconds: 20.0, quick };
+        let cycles = |quick| parts(&options(quick)).iter().map(|part| part.cycles).collect::<Vec<_>>();
+        assert_eq!(cycles(false)[..2], [Some(100_000); 2]);
+        assert_eq!(cycles(true)[..2], [Some(9_000); 2]);
+        assert_eq!(cycles(false)[6..], [None; 4]);
+    }
+
+    #[test]
     fn the_page_tells_machine_goals_and_tables() {
         let line = r#"{"bench":"signal_slot","case":"direct/none","metric":"ns_per_call","value":0.5,"unit":"ns","peer":null}"#;
         let outcome = Outcome {
@@ -192,8 +261,13 @@ mod tests {
             table: "signal_slot\n  case\n".into(),
             figures: Figure::read(line).into_iter().collect(),
         };
-        let part = Part { title: "Signals", bench: "signal_slot", arguments: vec![], plot: Some("a.svg") };
-        let page = page(&[("kernel", "Linux".into()), ("Qt", String::new())], &[(part, outcome)]);
+        let plot = Some("a.svg");
+        let part =
+            Part { title: "Signals", bench: "signal_slot", arguments: vec![], plot, cycles: Some(100_000) };
+        let machine = [("kernel", "Linux".into()), ("Qt", String::new())];
+        let page = page(&machine, &[(part, outcome)], &["profiles-a.md".to_owned()]);
+        assert!(page.contains("[profiles-a.md](performance/profiles-a.md)."), "{page}");
+        assert!(page.contains("all runs together: 100000."), "{page}");
         assert!(page.contains("| kernel | Linux |") && !page.contains("| Qt |"), "{page}");
         assert!(
             page.contains("| `direct/none` | `ns_per_call` | itself | 1 | 0.500 | reached |"),

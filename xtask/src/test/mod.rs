@@ -4,6 +4,7 @@ mod benches;
 pub(crate) mod examples;
 mod features;
 mod fuzz;
+mod sim;
 mod size;
 mod suites;
 mod tools;
@@ -17,12 +18,15 @@ use std::time::Instant;
 /// How the gate is run.
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// Leave out the slow parts: the fuzz targets and the look at what we build on.
+    /// Leave out the slow parts: the fuzz targets, the counting of instructions and the look at what we build on.
     #[arg(long)]
     quick: bool,
     /// How long each fuzz target runs.
     #[arg(long, default_value_t = 10, value_name = "SECONDS")]
     fuzz_seconds: u64,
+    /// How long seeds of the network in a box are run.
+    #[arg(long, default_value_t = 20, value_name = "SECONDS")]
+    sim_seconds: u64,
 }
 
 /// What the steps share.
@@ -50,6 +54,8 @@ const STEPS: &[Step] = &[
     ("doc tests: every example in the documentation", suites::documentation),
     ("examples: each is built and run", examples::build_and_run),
     ("benches: each runs once with the least work", benches::smoke_runs),
+    ("sim: seeds of the network in a box", sim::short_run),
+    ("instructions: the hot paths take no more than their limits", benches::count_instructions),
     ("fuzz: a short run of each target", fuzz::short_runs),
     ("release: the program is built and small enough", size::build_and_weigh),
 ];

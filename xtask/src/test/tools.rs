@@ -9,6 +9,12 @@ const CARGO_FUZZ_VERSION: &str = "0.13.2";
 /// The release of cargo-deny that reads our `deny.toml`. Compiling it takes 3 minutes on two cores.
 const CARGO_DENY_VERSION: &str = "0.20.2";
 
+/// The program that counts instructions for the bench of that name; it must be of the same release as the library
+/// `gungraun` in the lock file.
+const GUNGRAUN_RUNNER_VERSION: &str = "0.20.0";
+const GUNGRAUN_RUNNER_PROBE: &[&str] =
+    &["sh", "-c", "gungraun-runner --version | grep -qxF 'gungraun-runner 0.20.0'"];
+
 /// A program the gate cannot do without.
 struct Tool {
     name: &'static str,
@@ -63,6 +69,9 @@ fn needed(quick: bool, fuzzing: bool) -> Vec<Tool> {
     if !quick {
         let install = format!("cargo install --locked cargo-deny --version {CARGO_DENY_VERSION}");
         tools.push(Tool::new("cargo-deny", &["cargo", "deny", "--version"], install));
+        tools.push(Tool::new("valgrind", &["valgrind", "--version"], apt("valgrind")));
+        let install = format!("cargo install --locked gungraun-runner --version {GUNGRAUN_RUNNER_VERSION}");
+        tools.push(Tool::new("gungraun-runner", GUNGRAUN_RUNNER_PROBE, install));
     }
     if fuzzing && !quick {
         let install = format!("cargo install --locked cargo-fuzz --version {CARGO_FUZZ_VERSION}");
@@ -98,9 +107,16 @@ mod tests {
         let names = |quick, fuzzing| needed(quick, fuzzing).iter().map(|tool| tool.name).collect::<Vec<_>>();
         let all = names(false, true);
         assert!(all.contains(&"cargo-fuzz") && all.contains(&"cargo-deny"), "{all:?}");
+        assert!(all.contains(&"valgrind") && all.contains(&"gungraun-runner"), "{all:?}");
         assert!(!names(false, false).contains(&"cargo-fuzz"));
         let quick = names(true, true);
         assert!(!quick.contains(&"cargo-fuzz") && !quick.contains(&"cargo-deny"), "{quick:?}");
+        assert!(!quick.contains(&"valgrind"), "{quick:?}");
+    }
+
+    #[test]
+    fn the_probe_asks_for_the_release_that_is_installed() {
+        assert!(GUNGRAUN_RUNNER_PROBE[2].contains(&format!(" {GUNGRAUN_RUNNER_VERSION}'")));
     }
 
     #[test]

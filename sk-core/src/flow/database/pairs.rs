@@ -229,7 +229,7 @@ impl PairDatabase {
         &'a self,
         prefix: &'a str,
         after: Option<&str>,
-    ) -> impl Iterator<Item = (&'a Arc<str>, &'a Value)> {
+    ) -> impl Iterator<Item = (&'a Arc<str>, &'a Value)> + use<'a> {
         let from = match after {
             Some(after) if after >= prefix => Bound::Excluded(after),
             _ => Bound::Included(prefix),

@@ -59,6 +59,13 @@ pub struct StoreAnswer {
     pub outcome: Result<Stored, StoreFailure>,
 }
 
+/// A disk, as a hub sees it. It may block: a hub calls it on a worker.
+pub trait DatabaseStore: Send {
+    /// Does these requests in their order and answers each. What is written in one call may reach the disk in
+    /// one transaction; when this returns with `Written` it is there.
+    fn perform(&mut self, requests: Vec<StoreRequest>) -> Vec<StoreAnswer>;
+}
+
 /// What the disk did.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Stored {

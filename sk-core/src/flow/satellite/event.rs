@@ -2,7 +2,9 @@
 
 use super::super::delivery::DropReason;
 use super::super::{ChannelKind, ChannelRef, Properties, Value};
+use super::DatabaseInfo;
 use bytes::Bytes;
+use std::time::Duration;
 use thiserror::Error;
 
 /// What a satellite knows of a channel.
@@ -20,6 +22,25 @@ pub struct ChannelInfo {
     pub name: String,
     /// What its owner says about it.
     pub properties: Properties,
+}
+
+/// How a target of a sync channel keeps up, as the hub measures it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TickReport {
+    /// The sync channel.
+    pub channel: ChannelRef,
+    /// The connection of the target.
+    pub target: u64,
+    /// Whether that is this satellite's own.
+    pub is_own: bool,
+    /// From the hub's sending of a tick to the target's being done with it, the longest since the last report.
+    pub lag: Duration,
+    /// Ticks done in time since the subscription began.
+    pub done: u64,
+    /// Ticks missed since then: left out by the source, or not done before the next one.
+    pub missed: u64,
+    /// Which ticks the target gets now: every one, every second, every fourth.
+    pub divisor: u8,
 }
 
 /// An event of a satellite.
@@ -57,6 +78,60 @@ pub enum SatelliteEvent {
         /// The answer.
         value: Value,
     },
+    /// The current database is another one, or none.
+    DatabaseSelected {
+        /// Of the `db_select`; 0 if it was removed.
+        tag: u32,
+        /// Its name.
+        database: Option<String>,
+    },
+    /// The answer to `db_list`.
+    Databases {
+        /// Of the command.
+        tag: u32,
+        /// The databases, by name.
+        databases: Vec<DatabaseInfo>,
+    },
+    /// The answer to `db_keys`.
+    Keys {
+        /// Of the command.
+        tag: u32,
+        /// The keys, sorted.
+        keys: Vec<String>,
+    },
+    /// The answer to `db_all`.
+    Variables {
+        /// Of the command.
+        tag: u32,
+        /// Keys and values, sorted by key.
+        variables: Vec<(String, Value)>,
+    },
+    /// A watched variable has this value now.
+    Changed {
+        /// Of the watch.
+        tag: u32,
+        /// The number of the change.
+        sequence: u64,
+        /// The variable.
+        key: String,
+        /// Its value; none if it was deleted.
+        value: Option<Value>,
+    },
+    /// What a watch had to tell was told, up to here.
+    Watching {
+        /// Of the watch.
+        tag: u32,
+        /// The number to go on from after a reconnection; 0: everything is about to be told, none holds until then.
+        sequence: u64,
+        /// Everything there is was told since the watch began or since the last of these events; variables known
+        /// from before that were not told are gone.
+        whole: bool,
+    },
+    /// A watch is over, because its database is gone or the right to it.
+    WatchOver {
+        /// Of the watch.
+        tag: u32,
+    },
     /// A channel says something else about itself.
     HeaderChanged {
         /// Of the command, if it was this satellite's.
@@ -64,6 +139,35 @@ pub enum SatelliteEvent {
         /// What is known of the channel now.
         info: ChannelInfo,
     },
+    /// A channel of one's own repeats another one from here on.
+    Attached {
+        /// What was asked.
+        tag: u32,
+        /// One's own channel.
+        replica: ChannelRef,
+        /// The one it repeats.
+        source: ChannelRef,
+    },
+    /// A channel of one's own repeats no more.
+    Detached {
+        /// What was asked; 0 if the source, or the right to it, has gone.
+        tag: u32,
+        /// One's own channel.
+        replica: ChannelRef,
+        /// The one it repeated; of epoch 0 if there was none.
+        source: ChannelRef,
+    },
+    /// The answer to `poll`: the newest message.
+    Latest {
+        /// What was asked.
+        tag: u32,
+        /// The channel.
+        channel: ChannelRef,
+        /// Its bytes.
+        payload: Bytes,
+    },
+    /// After `publish` was turned away: the slowest subscriber of this reliable channel has caught up.
+    Room(ChannelRef),
     /// Commands may be given now. A flow knows all channels at this point.
     Ready,
     /// A channel of this satellite's own exists now.
@@ -94,6 +198,40 @@ pub enum SatelliteEvent {
         /// Its bytes, shared with the receive buffer if it came in one fragment.
         payload: Bytes,
     },
+    /// Somebody asks a service of this satellite's.
+    Request {
+        /// The service.
+        channel: ChannelRef,
+        /// To be answered with [`SatelliteCore::answer`](super::SatelliteCore::answer).
+        request: u64,
+        /// The connection that asks.
+        asker: u64,
+        /// What.
+        payload: Bytes,
+    },
+    /// Nobody waits any more for the answer to a request.
+    RequestOver {
+        /// Which.
+        request: u64,
+    },
+    /// An answer to a call. What ends a call otherwise is `Refused` with its tag.
+    Reply {
+        /// Of the call.
+        tag: u32,
+        /// Whether further answers follow.
+        more: bool,
+        /// The answer.
+        payload: Bytes,
+    },
+    /// A tick of a sync channel that is followed.
+    Tick {
+        /// Which.
+        channel: ChannelRef,
+        /// To be said in [`SatelliteCore::tick_done`](super::SatelliteCore::tick_done) after the pulse.
+        sequence: u64,
+    },
+    /// How a target of a sync channel keeps up: this satellite, or one that follows it.
+    TickReport(TickReport),
     /// Messages of a subscription did not come.
     Dropped {
         /// Of which channel.
@@ -149,7 +287,13 @@ pub enum SatelliteError {
     /// The channel is not one's own, or is gone.
     #[error("channel {0} is not this satellite's, or is gone")]
     NotOwn(ChannelRef),
-    /// Too much waits to be sent.
+    /// Nobody waits for an answer to this request any more, or it was never this satellite's.
+    #[error("nobody waits for the answer to request {0}")]
+    NoRequest(u64),
+    /// The satellite has opened no channel of this name.
+    #[error("this satellite has opened no channel `{0}`")]
+    NotOpen(String),
+    /// Too much waits to be sent, or for the slowest subscriber of a reliable channel.
     #[error("too many bytes wait to be sent")]
     Full,
     /// The message is longer than was agreed with the hub.

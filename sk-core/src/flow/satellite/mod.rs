@@ -5,13 +5,19 @@
 //! references here: a subscription by name waits until the channel exists, and comes into force again when
 //! a channel of that name is opened anew.
 
+mod channels;
+mod databases;
 mod event;
 mod incoming;
 mod sending;
+mod services;
+mod sync;
 #[cfg(test)]
 mod tests;
 
-pub use event::{ChannelInfo, SatelliteError, SatelliteEvent};
+pub use databases::DatabaseInfo;
+pub use event::{ChannelInfo, SatelliteError, SatelliteEvent, TickReport};
+pub use sync::Divisor;
 
 use super::definition::Encoded;
 use super::error::ProtocolError;
@@ -21,13 +27,15 @@ use super::limits::{
     LOGIN_TIME_MAX, PING_AFTER, SILENCE_MAX, SUBSCRIPTION_DEPTH_MAX, VERSION, VERSION_OLDEST,
 };
 use super::login::{Nonce, OwnerToken};
+use super::server::Session;
 use super::wire::Slices;
 use super::{ChannelRef, Command, Event, Form, Inbound, Policy, Properties, State};
 use bytes::Bytes;
 use rustc_hash::FxHashMap;
-use sending::Outbox;
+use sending::{Kind, Outbox};
+use services::Incoming;
 use sk_flat::{Instant, Name, SkVariant};
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 /// How a satellite logs in.
 #[derive(Clone, Debug)]
@@ -42,7 +50,19 @@ pub enum Credentials {
 #[derive(Debug)]
 struct Own {
     listened: bool,
+    /// The hub keeps its last message, so that it is worth sending while nobody listens.
+    latched: bool,
+    credit: Option<Credit>,
     next_message: u32,
+}
+
+/// What may be published on a reliable channel.
+#[derive(Debug, Default)]
+struct Credit {
+    used: u64,
+    granted: u64,
+    /// A message was turned away for want of it.
+    wanted: bool,
 }
 
 /// A connection to a hub without its socket; see the example of
@@ -57,16 +77,35 @@ pub struct SatelliteCore {
     hub_nonce: Nonce,
     user: Option<Name>,
     connection: u64,
+    /// What to call the flow, or empty.
+    flow_name: String,
+    /// Of the flow before, whose place this one is to take; then its own.
+    session: Session,
+    resumed: bool,
+    /// The tag of `set_async`, until it is answered.
+    becoming: u32,
     /// All channels, for a flow.
     channels: FxHashMap<ChannelRef, ChannelInfo>,
     names: BTreeMap<String, ChannelRef>,
     own: FxHashMap<ChannelRef, Own>,
-    /// Names that the user wants to hear, with the depth.
-    wanted: BTreeMap<String, u16>,
+    /// Names that the user wants to hear, with the policy and the depth.
+    wanted: BTreeMap<String, (Policy, u16)>,
+    /// Names of sync channels to be followed.
+    followed: BTreeMap<String, Divisor>,
     /// Names whose creation was asked, by tag.
     creating: BTreeMap<u32, String>,
-    gathering: Gathering,
+    gathering: Gathering<Incoming>,
+    /// The tags of open calls.
+    calls: BTreeSet<u32>,
+    /// The requests that wait for an answer of this satellite's.
+    requests: BTreeSet<u64>,
+    /// Answers to polls, by tag.
+    polled: Gathering<u32>,
     listed: Vec<ChannelInfo>,
+    /// Lists of other things under way, by the tags of their commands.
+    lists: BTreeMap<u32, databases::List>,
+    /// The full name of the flow, once it is one.
+    flow_full_name: Option<String>,
     events: VecDeque<SatelliteEvent>,
     next_tag: u32,
     lost: u64,
@@ -81,6 +120,26 @@ impl SatelliteCore {
     /// `Rng`, new for each connection.
     pub fn flow(credentials: Credentials, nonce: Nonce, now: Instant) -> SatelliteCore {
         SatelliteCore::begin(credentials, nonce, true, now)
+    }
+
+    /// The same with a name for the flow: the hub calls it `account.name`, and refuses a second one of that name.
+    pub fn named(mut self, name: &str) -> SatelliteCore {
+        self.name_flow(name);
+        self
+    }
+
+    /// The same for a core that has not logged in yet; later it is of no effect.
+    pub fn name_flow(&mut self, name: &str) {
+        name.clone_into(&mut self.flow_name);
+    }
+
+    /// The same that takes the place of an earlier flow, if the hub still has that: its name, channels,
+    /// subscriptions and current database, with all that waits. The earlier flow's [`session`] proves that it may.
+    ///
+    /// [`session`]: SatelliteCore::session
+    pub fn resuming(mut self, session: Session) -> SatelliteCore {
+        self.session = session;
+        self
     }
 
     /// A connection that stays synchronous: for a list, and then to be closed.
@@ -98,13 +157,23 @@ impl SatelliteCore {
             hub_nonce: [0; 32],
             user: None,
             connection: 0,
+            flow_name: String::new(),
+            session: [0; 16],
+            resumed: false,
+            becoming: 0,
             channels: FxHashMap::default(),
             names: BTreeMap::new(),
             own: FxHashMap::default(),
             wanted: BTreeMap::new(),
+            followed: BTreeMap::new(),
             creating: BTreeMap::new(),
             gathering: Gathering::default(),
+            polled: Gathering::default(),
+            calls: BTreeSet::new(),
+            requests: BTreeSet::new(),
             listed: Vec::new(),
+            lists: BTreeMap::new(),
+            flow_full_name: None,
             events: VecDeque::new(),
             next_tag: 0,
             lost: 0,
@@ -113,15 +182,28 @@ impl SatelliteCore {
             heard: now,
             pinged: now,
         };
-        core.send(&Command::Hello {
+        core.greet(FRAGMENT_BYTES_MAX as u32);
+        core
+    }
+
+    /// Proposes shorter fragments: a transport that is slow keeps what is light waiting for less time then. To be
+    /// asked for before the first byte is sent.
+    pub fn with_fragments_of(mut self, bytes_max: u32) -> SatelliteCore {
+        self.outbox = Outbox::default();
+        self.next_tag = 0;
+        self.greet(bytes_max);
+        self
+    }
+
+    fn greet(&mut self, fragment_bytes: u32) {
+        self.send(&Command::Hello {
             magic: MAGIC,
             version: VERSION,
             version_oldest: VERSION_OLDEST,
-            fragment_bytes: FRAGMENT_BYTES_MAX as u32,
+            fragment_bytes,
             message_bytes: MESSAGE_BYTES_MAX as u32,
-            nonce,
+            nonce: self.nonce,
         });
-        core
     }
 
     /// Takes received bytes; what they say comes out of [`next_event`](SatelliteCore::next_event).
@@ -168,6 +250,21 @@ impl SatelliteCore {
         self.connection
     }
 
+    /// The session of this flow, once it is one: who proves it may take this flow's place.
+    pub fn session(&self) -> Session {
+        self.session
+    }
+
+    /// Whether this flow took the place of an earlier one.
+    pub fn is_resumed(&self) -> bool {
+        self.resumed
+    }
+
+    /// Whether the channel of this full name is this flow's own.
+    pub fn owns(&self, name: &str) -> bool {
+        self.names.get(name).is_some_and(|channel| self.own.contains_key(channel))
+    }
+
     /// The channel of a full name, for a flow.
     pub fn channel(&self, name: &str) -> Option<&ChannelInfo> {
         self.channels.get(self.names.get(name)?)
@@ -188,6 +285,12 @@ impl SatelliteCore {
         self.own.get(&channel).is_some_and(|own| own.listened)
     }
 
+    /// Whether it is of any use to publish on a channel of one's own: somebody listens, or the hub keeps the
+    /// last message for who will.
+    pub fn is_worthwhile(&self, channel: ChannelRef) -> bool {
+        self.own.get(&channel).is_some_and(|own| own.listened || own.latched)
+    }
+
     /// How many messages were not sent because nobody listened any more, or not received because too many
     /// were unfinished at once.
     pub fn lost(&self) -> u64 {
@@ -199,12 +302,23 @@ impl SatelliteCore {
     /// # Errors
     /// If the name or the properties cannot be, or the connection is no ready flow.
     pub fn create(&mut self, name: &str, properties: &SkVariant) -> Result<u32, SatelliteError> {
+        let stream = |name, properties| Command::CreateStream { name, properties };
+        self.create_as("create_stream", stream, name, properties)
+    }
+
+    fn create_as(
+        &mut self,
+        what: &'static str,
+        command: impl FnOnce(String, Properties) -> Command,
+        name: &str,
+        properties: &SkVariant,
+    ) -> Result<u32, SatelliteError> {
         let Some(user) = self.user.as_ref().filter(|_| self.is_flow()) else {
-            return Err(SatelliteError::State("create_stream"));
+            return Err(SatelliteError::State(what));
         };
         let full = Name::compose(user, &Name::new(name)?)?;
         let properties = Properties::new(properties)?;
-        let tag = self.command(&Command::CreateStream { name: name.to_owned(), properties })?;
+        let tag = self.command(&command(name.to_owned(), properties))?;
         self.creating.insert(tag, full.to_string());
         Ok(tag)
     }
@@ -218,39 +332,63 @@ impl SatelliteCore {
         self.command(&Command::RemoveChannel { channel })
     }
 
-    /// Publishes a message. Answers `false`, having sent nothing, while nobody listens.
+    /// Publishes a message. Answers `false`, having sent nothing, while nobody listens and the channel has no
+    /// latch.
     ///
     /// # Errors
-    /// If the channel is not one's own, the message is too long, or too much waits: then nothing is sent.
+    /// If the channel is not one's own, the message is too long, or too much waits, here or, of a reliable
+    /// channel, for its slowest subscriber: then nothing is sent. After the latter `Room` says when to go on.
     pub fn publish(&mut self, channel: ChannelRef, payload: Bytes) -> Result<bool, SatelliteError> {
         let max = self.inbound.message_bytes_max();
         let own = self.own.get_mut(&channel).ok_or(SatelliteError::NotOwn(channel))?;
         if payload.len() > max {
             return Err(SatelliteError::TooLong { length: payload.len(), max });
         }
-        if !own.listened {
+        if !own.listened && !own.latched {
             return Ok(false);
         }
-        if !self.outbox.publish(channel, own.next_message, payload) {
+        let cost = self.outbox.charge(payload.len()) as u64;
+        if let Some(credit) = &mut own.credit
+            && credit.used >= credit.granted
+        {
+            credit.wanted = true;
             return Err(SatelliteError::Full);
+        }
+        if !self
+            .outbox
+            .message(Kind::Publish { channel, message: own.next_message }, payload)
+        {
+            return Err(SatelliteError::Full);
+        }
+        if let Some(credit) = &mut own.credit {
+            credit.used += cost;
         }
         own.next_message = own.next_message.wrapping_add(1);
         Ok(true)
     }
 
-    /// Wants to hear the channel of this full name, now or when it will exist; at most `depth` messages
-    /// wait at the hub, 0 for its default.
+    /// Wants to hear the channel of this full name, now or when it will exist: the newest messages, of which
+    /// at most `depth` wait at the hub, 0 for its default.
     ///
     /// # Errors
     /// If the name cannot be, or the connection is no ready flow.
     pub fn subscribe(&mut self, name: &str, depth: u16) -> Result<(), SatelliteError> {
+        self.subscribe_as(name, Policy::Latest, depth)
+    }
+
+    /// As [`subscribe`](SatelliteCore::subscribe), with a policy. With `All`, the hub ends the connection when
+    /// more than `depth` messages wait.
+    ///
+    /// # Errors
+    /// As [`subscribe`](SatelliteCore::subscribe).
+    pub fn subscribe_as(&mut self, name: &str, policy: Policy, depth: u16) -> Result<(), SatelliteError> {
         self.need_flow("subscribe")?;
         Name::new(name)?;
         let depth = depth.min(SUBSCRIPTION_DEPTH_MAX);
         if let Some(channel) = self.names.get(name).copied() {
-            self.command(&latest(channel, depth))?;
+            self.command(&hear(channel, policy, depth))?;
         }
-        self.wanted.insert(name.to_owned(), depth);
+        self.wanted.insert(name.to_owned(), (policy, depth));
         Ok(())
     }
 
@@ -262,6 +400,18 @@ impl SatelliteCore {
         self.need_flow("unsubscribe")?;
         let known = self.names.get(name).copied();
         if let (Some(_), Some(channel)) = (self.wanted.remove(name), known) {
+            self.command(&Command::Unsubscribe { channel })?;
+        }
+        Ok(())
+    }
+
+    /// Ends a subscription that this flow took over with its place and does not want.
+    ///
+    /// # Errors
+    /// If the connection is no ready flow, or too much waits.
+    pub fn renounce(&mut self, name: &str) -> Result<(), SatelliteError> {
+        self.need_flow("unsubscribe")?;
+        if let Some(channel) = self.names.get(name).copied() {
             self.command(&Command::Unsubscribe { channel })?;
         }
         Ok(())
@@ -355,7 +505,7 @@ impl SatelliteCore {
     }
 }
 
-/// The command for a subscription that hears the newest messages.
-fn latest(channel: ChannelRef, depth: u16) -> Command {
-    Command::Subscribe { channel, policy: Policy::Latest, depth, divisor: 1 }
+/// The command for a subscription to a streaming channel.
+fn hear(channel: ChannelRef, policy: Policy, depth: u16) -> Command {
+    Command::Subscribe { channel, policy, depth, divisor: 1 }
 }

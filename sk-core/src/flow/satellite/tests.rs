@@ -77,7 +77,7 @@ fn a_wanted_name_is_subscribed_to_whenever_a_channel_has_it() {
         let channel = ChannelRef { id, epoch: 1 };
         let sent = core.take().map(|frame| frame.to_vec());
         let tag = core.next_tag;
-        assert_eq!(sent, Some(latest(channel, 3).encode(tag, Flags::NONE).to_vec()));
+        assert_eq!(sent, Some(hear(channel, Policy::Latest, 3).encode(tag, Flags::NONE).to_vec()));
         tell(&mut core, Event::ChannelRemoved { channel }).expect("honest");
         assert!(core.channel("robot.imu").is_none());
     }
@@ -126,4 +126,98 @@ fn a_ping_is_answered_with_its_tag_and_closing_is_told() {
     tell(&mut core, Event::Closing { reason, text: "bye".into() }).expect("honest");
     assert_eq!(core.next_event(), Some(SatelliteEvent::Closing { reason, text: "bye".into() }));
     assert_eq!(core.subscribe("robot.imu", 0), Err(SatelliteError::State("subscribe")));
+}
+
+// ---- services and sync channels ----
+
+fn next(core: &mut SatelliteCore) -> Option<SatelliteEvent> {
+    core.next_event()
+}
+
+fn tell_tagged(core: &mut SatelliteCore, tag: u32, flags: Flags, event: &Event) {
+    core.receive(&event.encode(tag, flags).to_vec(), at(0)).expect("honest");
+}
+
+fn sent(core: &mut SatelliteCore) -> Vec<(u8, u8)> {
+    std::iter::from_fn(|| core.take())
+        .map(|frame| (frame.head[0], frame.head[1]))
+        .collect()
+}
+
+#[test]
+fn a_call_that_was_given_up_has_no_answer_though_one_is_on_its_way() {
+    let mut core = ready();
+    let channel = ChannelRef { id: 2000, epoch: 1 };
+    let tag = core.call(channel, Duration::ZERO, Bytes::from(vec![1; 3000])).expect("a flow");
+    assert!(core.take().is_some(), "the first of its three fragments");
+    let piece = |more| Event::Reply { more, payload: Bytes::from_static(b"x") };
+    tell_tagged(&mut core, tag, Flags::FIRST, &piece(0));
+    core.cancel(tag).expect("room");
+    tell_tagged(&mut core, tag, Flags::NONE, &piece(0));
+    tell_tagged(&mut core, tag, Flags::LAST, &piece(0));
+    assert_eq!(next(&mut core), None);
+    assert!(!core.is_calling(tag));
+    let kinds: Vec<u8> = sent(&mut core).into_iter().map(|(kind, _)| kind).collect();
+    assert_eq!(kinds.first(), Some(&0x21), "a fragment was on the wire's side already");
+    assert_eq!(kinds.last(), Some(&0x24));
+    core.cancel(tag).expect("once more");
+    assert!(sent(&mut core).is_empty(), "it is over");
+}
+
+#[test]
+fn an_answer_reaches_only_a_request_that_waits_and_its_rest_is_not_sent_when_that_is_over() {
+    let mut core = ready();
+    let channel = ChannelRef { id: 2000, epoch: 1 };
+    let request = |request| Event::Request { channel, request, asker: 9, payload: Bytes::from_static(b"?") };
+    tell_tagged(&mut core, 0, Flags::WHOLE, &request(5));
+    assert!(matches!(next(&mut core), Some(SatelliteEvent::Request { request: 5, asker: 9, .. })));
+    assert_eq!(core.answer(6, Bytes::new(), false), Err(SatelliteError::NoRequest(6)));
+    let long = Bytes::from(vec![0; 4097]);
+    assert_eq!(core.answer(5, long, false), Err(SatelliteError::TooLong { length: 4097, max: 4096 }));
+    core.answer(5, Bytes::from(vec![0; 4096]), true).expect("it stays open");
+    assert_eq!(core.take().map(|frame| frame.head[1]), Some(Flags::FIRST.bits()));
+    tell_tagged(&mut core, 0, Flags::NONE, &Event::RequestOver { request: 5 });
+    assert_eq!(next(&mut core), Some(SatelliteEvent::RequestOver { request: 5 }));
+    assert_eq!(core.answer(5, Bytes::new(), false), Err(SatelliteError::NoRequest(5)));
+    tell_tagged(&mut core, 0, Flags::NONE, &Event::RequestOver { request: 5 });
+    assert_eq!(next(&mut core), None, "told once");
+}
+
+#[test]
+fn a_refusal_ends_a_call_and_what_is_left_of_it_is_not_sent() {
+    let mut core = ready();
+    core.outbox.fragment_bytes_max = 1;
+    let channel = ChannelRef { id: 2000, epoch: 1 };
+    let most = crate::flow::limits::WIRE_BYTES_AHEAD;
+    let long = Bytes::from(vec![1; 4096]);
+    let tags: Vec<u32> = (0..most / 4096 + 2)
+        .map(|_| core.call(channel, Duration::from_millis(1), long.clone()).expect("room"))
+        .collect();
+    assert!(core.take().is_some());
+    let refused = Event::Refused { code: 13, text: "no".into() };
+    for tag in &tags {
+        tell_tagged(&mut core, *tag, Flags::NONE, &refused);
+        assert!(matches!(next(&mut core), Some(SatelliteEvent::Refused { code: 13, .. })));
+        assert!(!core.is_calling(*tag));
+    }
+    let left = sent(&mut core).len();
+    assert!(left * 18 <= most + 18, "only what was on the wire's side: {left} frames");
+}
+
+#[test]
+fn a_sync_channel_is_followed_whenever_there_is_one_of_its_name() {
+    let mut core = ready();
+    core.follow("robot.clock", Divisor::Second).expect("a flow");
+    assert!(!core.has_output(), "there is no such channel yet");
+    tell(&mut core, added("robot.clock", 2000, 5)).expect("honest");
+    assert!(!core.has_output(), "a stream of that name is no clock");
+    let Event::ChannelAdded { hash, owner, name, properties, .. } = added("robot.clock", 2001, 5) else {
+        panic!("it adds a channel")
+    };
+    let channel = ChannelRef { id: 2001, epoch: 1 };
+    let sync = Event::ChannelAdded { channel, kind: ChannelKind::Sync, hash, owner, name, properties };
+    tell(&mut core, sync).expect("honest");
+    let wanted = Command::Subscribe { channel, policy: Policy::Latest, depth: 1, divisor: 2 };
+    let tag = core.next_tag;
+    assert_eq!(core.take().map(|frame| frame.to_vec()), Some(wanted.encode(tag, Flags::NONE).to_vec()));
 }

@@ -1,25 +1,16 @@
-//! Channels and subscriptions: opening, closing, telling everyone, starting and stopping owners.
+//! Channels: opening, closing, changing, telling everyone.
 
 use super::super::channel::Owner;
+use super::super::database::{DatabaseKind, Entity};
 use super::super::delivery::DropReason;
-use super::super::error::{ProtocolError, RefusalCode};
-use super::super::limits::{
-    CHANNELS_PER_FLOW_MAX, SUBSCRIPTION_DEPTH_DEFAULT, SUBSCRIPTION_DEPTH_MAX, SUBSCRIPTIONS_PER_FLOW_MAX,
-};
-use super::super::{
-    ChannelKind, ChannelRef, Encoded, Event, Flags, Form, Message, Policy, Properties, Right, State,
-};
+use super::super::error::RefusalCode;
+use super::super::limits::CHANNELS_PER_FLOW_MAX;
+use super::super::{ChannelKind, ChannelRef, Encoded, Event, Flags, Form, Message, Properties, Right};
+use super::audience::Subscribers;
 use super::connection::Incoming;
-use super::{ConnectionId, Notice, ServerCore, Subscriber, Subscribers, owning_flow};
+use super::telling::Telling;
+use super::{ConnectionId, Notice, ServerCore, owning_flow};
 use sk_flat::Name;
-
-/// What a subscriber wishes for.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Wish {
-    pub(super) policy: Policy,
-    pub(super) depth: u16,
-    pub(super) divisor: u8,
-}
 
 impl ServerCore {
     pub(super) fn create_channel(
@@ -36,6 +27,7 @@ impl ServerCore {
                     connection.owned.push(channel);
                 }
                 self.tell_added(channel, Some((id, tag)));
+                self.tell_credit(channel);
             }
             Err(code) => self.refuse(id, tag, code),
         }
@@ -59,8 +51,8 @@ impl ServerCore {
         if !properties.is_map() {
             return Err(RefusalCode::BadProperties);
         }
-        self.channels
-            .add(full, kind, Owner::Flow(id.wire()), properties, Subscribers::default())
+        let beside = Subscribers::of(&properties);
+        self.channels.add(full, kind, Owner::Flow(id.wire()), properties, beside)
     }
 
     /// Opens a streaming channel of the hub's own. It outlives every flow; administrators may remove it.
@@ -81,7 +73,8 @@ impl ServerCore {
         if !properties.is_map() {
             return Err(RefusalCode::BadProperties);
         }
-        let channel = self.channels.add(name, kind, Owner::Hub, properties, Subscribers::default())?;
+        let beside = Subscribers::of(&properties);
+        let channel = self.channels.add(name, kind, Owner::Hub, properties, beside)?;
         self.tell_added(channel, None);
         self.settle();
         Ok(channel)
@@ -117,7 +110,9 @@ impl ServerCore {
         asked: Option<(ConnectionId, u32)>,
         reason: DropReason,
     ) {
+        self.cut_ties(channel);
         let Some((known, subscribers)) = self.channels.remove(channel) else { return };
+        self.clocks.remove(&channel);
         if known.kind == ChannelKind::Service {
             self.end_requests_to(channel, known.owner);
         }
@@ -134,14 +129,46 @@ impl ServerCore {
             connection.owned.retain(|owned| *owned != channel);
             connection.gathering.forget(Incoming::Publish(channel));
         }
+        self.entity_ended(DatabaseKind::Channel, &known.name, Entity::Channel(channel));
         let event = Event::ChannelRemoved { channel };
         self.tell_flows(channel, asked, |tag, _| event.encode(tag, Flags::NONE));
         self.notices.push_back(Notice::ChannelRemoved { channel, name: known.name });
     }
 
+    pub(super) fn change_header(
+        &mut self,
+        id: ConnectionId,
+        tag: u32,
+        channel: ChannelRef,
+        properties: Properties,
+    ) {
+        let Some((known, subscribers)) = self.channels.get_mut(channel) else {
+            return self.refuse(id, tag, RefusalCode::Gone);
+        };
+        if known.owner != Owner::Flow(id.wire()) {
+            return self.refuse(id, tag, RefusalCode::NotOwner);
+        }
+        if !properties.is_map() {
+            return self.refuse(id, tag, RefusalCode::BadProperties);
+        }
+        known.properties = properties.clone();
+        let latch = properties.is_latched();
+        if latch || subscribers.special.is_some() {
+            subscribers.special_mut().latch = latch;
+        }
+        if !latch {
+            self.keep_no_longer(channel);
+        }
+        self.tell_flows(channel, Some((id, tag)), |tag, form| {
+            Event::HeaderChanged { channel, properties: properties.clone().in_form(form) }
+                .encode(tag, Flags::NONE)
+        });
+    }
+
     fn tell_added(&mut self, channel: ChannelRef, asked: Option<(ConnectionId, u32)>) {
         let Some((known, _)) = self.channels.get(channel) else { return };
         let known = known.clone();
+        self.entity_began(DatabaseKind::Channel, &known.name, Entity::Channel(channel));
         self.tell_flows(channel, asked, |tag, form| known.added(tag, form));
         self.notices.push_back(Notice::ChannelAdded { channel, name: known.name });
     }
@@ -155,13 +182,14 @@ impl ServerCore {
         frame: impl Fn(u32, Form) -> Encoded,
     ) {
         let mut made: [Option<Encoded>; 2] = [None, None];
-        for id in self.connections.ids() {
+        for index in 0..self.sessions.flows.len() {
+            let id = self.sessions.flows[index];
             let Some(connection) = self.connections.get(id) else { continue };
-            let flow = connection.inbound.state() == State::Flow && connection.closing.is_none();
-            let told = connection
-                .replay
-                .is_none_or(|replay| !replay.begins_flow || replay.next > channel.id as u16);
-            if flow && told {
+            let told = connection.replay.as_ref().is_none_or(|replay| match replay.what {
+                Telling::Channels { begins_flow: true, next } => next > channel.id as u16,
+                _ => true,
+            });
+            if told && connection.closing.is_none() {
                 let form = connection.form;
                 match asked {
                     Some((asker, tag)) if asker == id => self.send(id, frame(tag, form)),
@@ -170,111 +198,6 @@ impl ServerCore {
                         self.send(id, shared);
                     }
                 }
-            }
-        }
-    }
-
-    /// Adds lines to a list that is being told, and moves frames to the wire.
-    pub(super) fn fill(&mut self, id: ConnectionId) {
-        let Some(connection) = self.connections.get_mut(id) else { return };
-        connection.output.fill();
-        while let Some(replay) = &mut connection.replay
-            && connection.output.has_room_for_list()
-        {
-            let (tag, form, flow) = (replay.tag, replay.form, replay.begins_flow);
-            let frame = match self.channels.from_id(replay.next) {
-                Some((channel, _)) => {
-                    replay.next = channel.reference.id as u16 + 1;
-                    replay.told += 1;
-                    if flow { channel.added(0, form) } else { channel.listed(tag, form) }
-                }
-                None => {
-                    let count = replay.told;
-                    connection.replay = None;
-                    if flow {
-                        self.notices.push_back(Notice::FlowBegun { connection: id });
-                        let name = connection.flow.as_ref().map(Name::to_string).unwrap_or_default();
-                        Event::FlowBegun { channels: count, name, session: [0; 16], resumed: 0 }
-                            .encode(tag, Flags::NONE)
-                    } else {
-                        Event::ListEnd { count }.encode(tag, Flags::NONE)
-                    }
-                }
-            };
-            // A list pauses long before the limit of the control queue.
-            connection.output.control(frame);
-            connection.output.fill();
-        }
-    }
-
-    pub(super) fn subscribe(
-        &mut self,
-        id: ConnectionId,
-        tag: u32,
-        channel: ChannelRef,
-        wish: Wish,
-    ) -> Result<(), ProtocolError> {
-        let Wish { policy, depth, divisor } = wish;
-        if depth > SUBSCRIPTION_DEPTH_MAX {
-            return Err(ProtocolError::BadValue { kind: "subscribe", field: "depth", value: depth.into() });
-        }
-        let depth = if depth == 0 { SUBSCRIPTION_DEPTH_DEFAULT } else { depth };
-        let Some((known, subscribers)) = self.channels.get_mut(channel) else {
-            self.refuse(id, tag, RefusalCode::Gone);
-            return Ok(());
-        };
-        if known.kind != ChannelKind::Stream || policy != Policy::Latest || divisor != 1 {
-            self.refuse(id, tag, RefusalCode::WrongKind);
-            return Ok(());
-        }
-        let owner = known.owner;
-        let Some(connection) = self.connections.get_mut(id) else { return Ok(()) };
-        let output = &mut connection.output;
-        if !output.is_subscribed(channel) && output.subscriptions() >= SUBSCRIPTIONS_PER_FLOW_MAX {
-            self.refuse(id, tag, RefusalCode::TooManySubscriptions);
-            return Ok(());
-        }
-        let (slot, new) = output.subscribe(channel, usize::from(depth));
-        if new {
-            subscribers.list.push(Subscriber { connection: id, slot });
-        }
-        let first = new && subscribers.list.len() == 1;
-        self.answer(id, tag, &Event::Subscribed { channel });
-        if first {
-            self.tell_owner(channel, owner, true);
-        }
-        Ok(())
-    }
-
-    pub(super) fn unsubscribe(&mut self, id: ConnectionId, tag: u32, channel: ChannelRef) {
-        self.end_subscription(id, channel, DropReason::Gone);
-        self.answer(id, tag, &Event::Unsubscribed { channel });
-    }
-
-    pub(super) fn end_subscription(&mut self, id: ConnectionId, channel: ChannelRef, reason: DropReason) {
-        let Some(connection) = self.connections.get_mut(id) else { return };
-        let Some(counts) = connection.output.unsubscribe(channel, reason) else { return };
-        self.ended.add(&counts);
-        let Some((known, subscribers)) = self.channels.get_mut(channel) else { return };
-        let owner = known.owner;
-        subscribers.list.retain(|subscriber| subscriber.connection != id);
-        if subscribers.list.is_empty() {
-            self.tell_owner(channel, owner, false);
-        }
-    }
-
-    fn tell_owner(&mut self, channel: ChannelRef, owner: Owner, start: bool) {
-        match owner {
-            Owner::Hub if start => self.notices.push_back(Notice::StartPublishing { channel }),
-            Owner::Hub => self.notices.push_back(Notice::StopPublishing { channel }),
-            Owner::Flow(_) => {
-                let Some(owner) = owning_flow(&self.connections, owner) else { return };
-                let event = if start {
-                    Event::StartPublishing { channel }
-                } else {
-                    Event::StopPublishing { channel }
-                };
-                self.answer(owner, 0, &event);
             }
         }
     }

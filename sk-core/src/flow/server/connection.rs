@@ -5,9 +5,12 @@ use super::super::error::{ClosingReason, ProtocolError};
 use super::super::fragment::Gathering;
 use super::super::inbound::Inbound;
 use super::super::login::Nonce;
+use super::super::outgoing::Begun;
 use super::super::{ChannelRef, Command, Form, State};
+use super::databases::Desk;
 use super::output::Output;
 use super::requests::RequestId;
+use super::telling::Telling;
 use sk_flat::{Instant, Name};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::fmt;
@@ -47,6 +50,8 @@ pub enum Origin {
         /// The user id that the kernel tells.
         uid: u32,
     },
+    /// Over a serial line.
+    Line,
     /// From inside the hub's own process.
     Inside {
         /// What it may do after `login_peer`.
@@ -59,6 +64,7 @@ impl fmt::Display for Origin {
         match self {
             Origin::Network(address) => write!(f, "{address}"),
             Origin::Unix { uid } => write!(f, "local user {uid}"),
+            Origin::Line => f.write_str("a serial line"),
             Origin::Inside { .. } => f.write_str("this process"),
         }
     }
@@ -75,17 +81,14 @@ pub enum Ending {
     Spurious(ProtocolError),
 }
 
-/// The answer to `list_channels` or `set_async` while it is being given.
-#[derive(Clone, Copy, Debug)]
+/// An answer of many lines while it is being given: to `list_channels`, `set_async`, `db_all` and such.
+#[derive(Clone, Debug)]
 pub(super) struct Replay {
     pub(super) tag: u32,
-    /// The form of the properties.
+    /// The form of the values.
     pub(super) form: Form,
-    /// Whether it is the beginning of a flow.
-    pub(super) begins_flow: bool,
-    /// The lowest identifier that has not been told.
-    pub(super) next: u16,
     pub(super) told: u32,
+    pub(super) what: Telling,
 }
 
 /// What an unfinished message of a client's is.
@@ -122,6 +125,9 @@ pub(super) struct Connection {
     pub(super) rights: Rights,
     /// The full name of the flow, once it is one.
     pub(super) flow: Option<Name>,
+    /// What the flow's successor would prove itself with, and whether it is one itself.
+    pub(super) session: [u8; 16],
+    pub(super) resumed: bool,
     /// The form of values in the events of the flow.
     pub(super) form: Form,
     pub(super) gathering: Gathering<Incoming>,
@@ -131,6 +137,11 @@ pub(super) struct Connection {
     pub(super) serving: BTreeSet<RequestId>,
     pub(super) owned: Vec<ChannelRef>,
     pub(super) replay: Option<Replay>,
+    pub(super) desk: Desk,
+    /// Channels that it registered to poll.
+    pub(super) polls: Vec<ChannelRef>,
+    /// The answer to `poll` while it is being given, with its tag.
+    pub(super) latest: Option<Box<(u32, Begun)>>,
     /// Whether it waits for a turn.
     pub(super) queued: bool,
     /// Whether it is listed as having something to write.
@@ -142,6 +153,12 @@ pub(super) struct Connection {
     pub(super) pinged: Instant,
     pub(super) reported: Instant,
     pub(super) frame_begun: Option<Instant>,
+    /// When it is to be looked at, if ever.
+    pub(super) alarm: Option<Instant>,
+    /// Its login failed, and it hears so then: too many failed that came from where it comes from.
+    pub(super) login_refused_at: Option<Instant>,
+    /// Whether it is listed as having lost messages.
+    pub(super) lossy: bool,
     pub(super) closing: Option<(ClosingReason, Instant)>,
 }
 
@@ -162,12 +179,17 @@ impl Connection {
             user: None,
             rights: Rights::NONE,
             flow: None,
+            session: [0; 16],
+            resumed: false,
             form: Form::Binary,
             gathering: Gathering::default(),
             calls: BTreeMap::new(),
             serving: BTreeSet::new(),
             owned: Vec::new(),
             replay: None,
+            desk: Desk::default(),
+            polls: Vec::new(),
+            latest: None,
             queued: false,
             dirty: false,
             opened: now,
@@ -176,27 +198,43 @@ impl Connection {
             pinged: now,
             reported: now,
             frame_begun: None,
+            alarm: None,
+            login_refused_at: None,
+            lossy: false,
             closing: None,
         }
     }
 
     /// The next command, whether it came as bytes or from inside.
     pub(super) fn next_command(&mut self) -> Result<Option<Tagged<Command>>, ProtocolError> {
+        if let Some(again) = self.desk.take_again() {
+            return Ok(Some(again));
+        }
         match self.inbound.next()? {
             Some(command) => Ok(Some(command)),
             None => self.parts.pop_front().map(|frame| self.inbound.accept(frame)).transpose(),
         }
     }
 
-    /// Whether commands must wait: the connection ends, a list is being told, its answers pile up, or it is
-    /// synchronous and a call of it has no answer yet.
+    /// Whether commands must wait: the connection ends, a list or a message is being told, its answers pile up, it
+    /// waits for the disk, or it is synchronous and a call of it has no answer yet.
     pub(super) fn is_held(&self) -> bool {
         self.is_unread() || self.awaits_answer()
     }
 
     /// Whether nothing more is to be read.
     pub(super) fn is_unread(&self) -> bool {
-        self.closing.is_some() || self.replay.is_some() || self.output.answers_pile_up()
+        self.closing.is_some()
+            || self.replay.is_some()
+            || self.latest.is_some()
+            || self.login_refused_at.is_some()
+            || self.output.answers_pile_up()
+            || self.desk.is_held()
+    }
+
+    /// Whether something is to be sent.
+    pub(super) fn has_output(&self) -> bool {
+        !self.output.is_empty() || self.replay.is_some() || self.latest.is_some() || self.desk.has_news()
     }
 
     /// Whether later commands wait for the answer to a call. It is read from all the same, so that its end is
@@ -208,7 +246,7 @@ impl Connection {
 
     /// Whether input waits that has not been looked at.
     pub(super) fn has_input(&self) -> bool {
-        self.inbound.pending() > 0 || !self.parts.is_empty()
+        self.inbound.pending() > 0 || !self.parts.is_empty() || self.desk.has_again()
     }
 }
 

@@ -1,14 +1,15 @@
 //! Greeting, login, and the switch to a flow.
 
-use super::super::error::{ClosingReason, ProtocolError, RefusalCode};
+use super::super::error::{ClosingReason, ProtocolError};
 use super::super::limits::{
-    FRAGMENT_BYTES_MAX, FRAGMENT_BYTES_MIN, MAGIC, MESSAGE_BYTES_MAX, VERSION, VERSION_OLDEST,
+    FAILED_LOGIN_DELAY, FRAGMENT_BYTES_MAX, FRAGMENT_BYTES_MIN, MAGIC, MESSAGE_BYTES_MAX, VERSION,
+    VERSION_OLDEST,
 };
 use super::super::login::{NO_PROOF, Nonce, Proof};
 use super::super::{Event, Form, Rights};
-use super::connection::{Origin, Replay};
+use super::connection::Origin;
+use super::telling::Telling;
 use super::{ConnectionId, Notice, ServerCore};
-use sk_flat::Name;
 
 /// The fields of a client's first frame.
 pub(super) struct Greeting {
@@ -70,7 +71,7 @@ impl ServerCore {
         let rights = match connection.origin {
             Origin::Inside { rights } => Some(rights),
             Origin::Unix { uid } if self.settings.owner_uid == Some(uid) => Some(Rights::ALL),
-            Origin::Unix { .. } | Origin::Network(_) => None,
+            Origin::Unix { .. } | Origin::Line | Origin::Network(_) => None,
         };
         match rights {
             Some(rights) => self.logged_in(id, tag, rights, NO_PROOF),
@@ -90,28 +91,20 @@ impl ServerCore {
     }
 
     /// One attempt for each connection: the nonces are used up. An honest client may hold an old token, so
-    /// this is no reason to call it spurious.
+    /// this is no reason to call it spurious. Where many fail, all that fail are answered late, whatever the
+    /// reason; one that succeeds never is.
     fn login_failed(&mut self, id: ConnectionId) {
-        self.close(id, ClosingReason::LoginFailed);
-    }
-
-    pub(super) fn set_async(&mut self, id: ConnectionId, tag: u32, name: &str, form: Form) {
         let Some(connection) = self.connections.get_mut(id) else { return };
-        let Some(user) = &connection.user else { return };
-        let chosen = if name.is_empty() { format!("flow-{}", id.wire()) } else { name.to_owned() };
-        let Ok(full) = Name::new(&chosen).and_then(|name| Name::compose(user, &name)) else {
-            return self.refuse(id, tag, RefusalCode::BadName);
-        };
-        connection.flow = Some(full);
-        connection.form = form;
-        connection.inbound.advance();
-        connection.replay = Some(Replay { tag, form, begins_flow: true, next: 0, told: 0 });
-        self.mark_dirty(id);
+        if self.addresses.failed(connection.origin, self.now) {
+            let at = self.now + FAILED_LOGIN_DELAY;
+            connection.login_refused_at = Some(at);
+            self.look_at(id, at);
+        } else {
+            self.close(id, ClosingReason::LoginFailed);
+        }
     }
 
     pub(super) fn list(&mut self, id: ConnectionId, tag: u32, form: Form) {
-        let Some(connection) = self.connections.get_mut(id) else { return };
-        connection.replay = Some(Replay { tag, form, begins_flow: false, next: 0, told: 0 });
-        self.mark_dirty(id);
+        self.tell_list(id, tag, form, Telling::Channels { begins_flow: false, next: 0 });
     }
 }

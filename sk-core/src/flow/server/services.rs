@@ -12,8 +12,9 @@ use super::connection::{Call, Incoming};
 use super::requests::{Request, RequestId};
 use super::talk::{Kind, Talk, TalkKey};
 use super::{ConnectionId, Notice, ServerCore, owning_flow};
+use crate::testing::{Bug, is_planted};
 use bytes::Bytes;
-use sk_flat::Name;
+use sk_flat::{Instant, Name};
 use std::time::Duration;
 
 /// The fields of a `call`.
@@ -264,7 +265,7 @@ impl ServerCore {
             return self.end_request(id, Some((RefusalCode::Full, None)));
         }
         self.mark_dirty(asker);
-        if more {
+        if more || is_planted(Bug::AnswerKeepsRequest) {
             self.requests.refresh(id, self.now);
         } else {
             self.forget_request(id);
@@ -347,7 +348,8 @@ impl ServerCore {
         let open: Vec<RequestId> = serving.into_iter().flatten().copied().collect();
         for request in open {
             if self.requests.get(request).is_some_and(|open| open.channel == channel) {
-                self.end_request(request, Some((RefusalCode::OwnerGone, None)));
+                let told = !is_planted(Bug::OwnerGoneUntold);
+                self.end_request(request, told.then_some((RefusalCode::OwnerGone, None)));
             }
         }
     }
@@ -414,6 +416,16 @@ impl ServerCore {
         self.end_request(request, Some((RefusalCode::Declined, text)));
         self.settle();
         true
+    }
+
+    /// Whether a request to a service of the hub's own waits for its answer.
+    pub fn is_asked(&self, request: RequestId) -> bool {
+        self.serving.contains(&request)
+    }
+
+    /// The first deadline of an open request.
+    pub fn next_request_deadline(&self) -> Option<Instant> {
+        self.requests.next_deadline()
     }
 
     /// How many requests are open.

@@ -9,16 +9,27 @@ use crate::object::Handle;
 /// Emits what the hub said, unleased: a slot may publish on the satellite that called it.
 pub(super) fn tell_all(cx: &mut Cx, satellite: Handle<SkFlowSat>) {
     while let Ok(Some(event)) = cx.with(satellite, |satellite, cx| satellite.next_event(cx)) {
+        super::database::tell_told(cx, satellite);
         tell(cx, satellite, event);
     }
+    super::database::tell_told(cx, satellite);
     let _ = cx.with(satellite, |satellite, cx| satellite.flush_later(cx));
 }
 
 fn tell(cx: &mut Cx, satellite: Handle<SkFlowSat>, event: SatelliteEvent) {
+    if super::services::tell(cx, satellite, &event) {
+        return;
+    }
     match event {
         SatelliteEvent::Ready => cx.emit_own(satellite, |s| &s.ready, &()),
         SatelliteEvent::ChannelAdded(info) => cx.emit_own(satellite, |s| &s.channel_added, &info),
         SatelliteEvent::ChannelRemoved(info) => cx.emit_own(satellite, |s| &s.channel_removed, &info),
+        SatelliteEvent::HeaderChanged { info, .. } => cx.emit_own(satellite, |s| &s.header_changed, &info),
+        SatelliteEvent::Room(channel) => {
+            if let Ok(Some(name)) = cx.with(satellite, |s, _| s.own_name_of(channel)) {
+                cx.emit_own(satellite, |s| &s.room, &name);
+            }
+        }
         SatelliteEvent::StartPublishing(channel) => {
             if let Ok(Some(name)) = cx.with(satellite, |s, _| s.own_name_of(channel)) {
                 cx.emit_own(satellite, |s| &s.start_publishing, &name);
@@ -52,6 +63,7 @@ fn tell(cx: &mut Cx, satellite: Handle<SkFlowSat>, event: SatelliteEvent) {
                 cx.emit_own(satellite, |s| &s.refused, &text);
             }
         }
+        SatelliteEvent::TickReport(report) => cx.emit_own(satellite, |s| &s.sync_report, &report),
         _ => {}
     }
 }

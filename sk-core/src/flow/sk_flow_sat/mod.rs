@@ -1,20 +1,31 @@
 //! A satellite as an object: its link to a hub around a [`SatelliteCore`], and the way back when it breaks.
 
+mod channels;
+mod clerk;
 mod commands;
+mod database;
 mod events;
+mod services;
+mod sync;
 
-use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteError, SatelliteEvent};
-use super::transport::{Broken, Core, Link, PipeSeed, TURN_BYTES_MAX, Turn, dial};
+pub use database::{FlowDatabase, Variable};
+pub(crate) use services::doc_or_map;
+
+use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteEvent, TickReport};
+use super::server::Session;
+#[cfg(feature = "tls")]
+use super::transport::TlsTrust;
+use super::transport::{Broken, Core, Destination, Link, PipeSeed, TURN_BYTES_MAX, Turn, dial};
 use super::wire::Slices;
-use super::{ChannelRef, Encoded, FlowMessage, HubAddress};
+use super::{ChannelRef, Encoded, FlowMessage, HubAddress, Policy};
 use crate::eventloop::Timer;
 use crate::object::{Handle, ObjectId};
 use crate::signal::Signal;
 use crate::world::{Readiness, Token};
 use crate::{Cx, attach};
-use bytes::Bytes;
-use sk_flat::{Instant, SkVariant};
-use std::collections::BTreeMap;
+use channels::{Own, own_name};
+use sk_flat::Instant;
+use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 use std::time::Duration;
 
@@ -56,14 +67,29 @@ pub struct SkFlowSat {
     link: Option<Box<dyn Link>>,
     token: Option<Token>,
     waiting: Option<Encoded>,
-    room: Vec<u8>,
+    read_into: Vec<u8>,
     flush_asked: bool,
     /// What this satellite owns, by its own names; opened again after a reconnection.
     own: BTreeMap<String, Own>,
     /// What it wants to hear, by full names.
-    wanted: BTreeMap<String, u16>,
+    wanted: BTreeMap<String, (Policy, u16)>,
+    /// What it ceased to want while there was no link, and the hub may still think it wants.
+    renounced: BTreeSet<String>,
+    /// What its flow is called, or empty.
+    flow_name: String,
+    /// Of its last flow: with this it takes its own place again after a link broke.
+    session: Session,
+    /// The hub did not let this connection become a flow.
+    turned_away: bool,
     /// All channels, in step with the events that were told.
     heard: BTreeMap<ChannelRef, Rc<ChannelInfo>>,
+    services: services::Services,
+    sync: sync::Sync,
+    /// How many links there have been.
+    link_number: u64,
+    call_timer: Handle<Timer>,
+    /// Its dealings with databases.
+    clerk: clerk::Clerk,
     reconnect: Handle<Timer>,
     reconnect_after: Duration,
     losses: u64,
@@ -86,8 +112,17 @@ pub struct SkFlowSat {
     pub channel_added: Signal<ChannelInfo>,
     /// A channel is gone, anybody's.
     pub channel_removed: Signal<ChannelInfo>,
+    /// A channel says something else about itself, anybody's.
+    pub header_changed: Signal<ChannelInfo>,
+    /// After [`publish`](Handle#method.publish) answered `false` on a reliable channel, its slowest subscriber has
+    /// caught up; carries the channel's own name.
+    pub room: Signal<String>,
     /// The hub refused a command; carries the hub's words.
     pub refused: Signal<String>,
+    /// This loop follows a sync channel from now on, or not any more.
+    pub synced: Signal<bool>,
+    /// How a target of a sync channel keeps up: this satellite, or one that follows it. At most once a second.
+    pub sync_report: Signal<TickReport>,
     /// Messages of a subscription were dropped: the channel's full name, the reason, and how many for that
     /// reason since the subscription began.
     pub dropped: Signal<(String, String, u64)>,
@@ -103,10 +138,14 @@ crate::object! {
             message(&FlowMessage)
             channel_added(&ChannelInfo)
             channel_removed(&ChannelInfo)
+            header_changed(&ChannelInfo)
+            room(String)
             refused(String)
+            synced(bool)
+            sync_report(TickReport)
             dropped(String, String, u64)
         }
-        slots { on_check() on_reconnect() }
+        slots { on_check() on_reconnect() on_call_deadline() on_source_tick() }
         hooks { on_destroy }
     }
 }
@@ -114,16 +153,11 @@ crate::object! {
 /// How the hub is reached.
 enum Way {
     Address {
-        to: HubAddress,
+        to: Destination,
         credentials: Credentials,
     },
     /// Inside the process: if that breaks there is no hub any more.
     Pipe,
-}
-
-struct Own {
-    properties: SkVariant,
-    channel: Option<ChannelRef>,
 }
 
 struct Side<'a> {
@@ -176,7 +210,24 @@ impl SkFlowSat {
 
     /// As [`connect`](SkFlowSat::connect), with other credentials: the owner's token over TCP.
     pub fn connect_as(cx: &mut Cx, to: &HubAddress, credentials: Credentials) -> Handle<SkFlowSat> {
-        let satellite = SkFlowSat::make(cx, Way::Address { to: to.clone(), credentials });
+        SkFlowSat::connect_to(cx, Destination::from(to), credentials)
+    }
+
+    /// As [`connect_as`](SkFlowSat::connect_as), to a hub that has to show a certificate: at a `tls:` or `wss:`
+    /// address.
+    #[cfg(feature = "tls")]
+    pub fn connect_secured(
+        cx: &mut Cx,
+        to: &HubAddress,
+        credentials: Credentials,
+        trust: TlsTrust,
+    ) -> Handle<SkFlowSat> {
+        let to = Destination { trust: Some(trust), ..Destination::from(to) };
+        SkFlowSat::connect_to(cx, to, credentials)
+    }
+
+    fn connect_to(cx: &mut Cx, to: Destination, credentials: Credentials) -> Handle<SkFlowSat> {
+        let satellite = SkFlowSat::make(cx, Way::Address { to, credentials });
         // It was made just now.
         let _ = cx.with(satellite, |satellite, cx| satellite.open_link(cx));
         satellite
@@ -198,6 +249,8 @@ impl SkFlowSat {
         cx.spawn_with(|cx, this: Handle<SkFlowSat>| {
             let reconnect = cx.under(this).spawn(Timer::default());
             let check = cx.under(this).spawn(Timer::default());
+            let call_timer = cx.under(this).spawn(Timer::default());
+            attach!(cx, call_timer.timeout => this.on_call_deadline);
             attach!(cx, reconnect.timeout => this.on_reconnect);
             attach!(cx, check.timeout => this.on_check);
             // The timer was made just now and is no more gone than this object.
@@ -208,11 +261,20 @@ impl SkFlowSat {
                 link: None,
                 token: None,
                 waiting: None,
-                room: vec![0; TURN_BYTES_MAX],
+                read_into: vec![0; TURN_BYTES_MAX],
                 flush_asked: false,
                 own: BTreeMap::new(),
                 wanted: BTreeMap::new(),
+                renounced: BTreeSet::new(),
+                flow_name: String::new(),
+                session: [0; 16],
+                turned_away: false,
                 heard: BTreeMap::new(),
+                services: services::Services::default(),
+                sync: sync::Sync::default(),
+                link_number: 0,
+                call_timer,
+                clerk: clerk::Clerk::default(),
                 reconnect,
                 reconnect_after: RECONNECT_FIRST,
                 losses: 0,
@@ -225,7 +287,11 @@ impl SkFlowSat {
                 message: Signal::new(),
                 channel_added: Signal::new(),
                 channel_removed: Signal::new(),
+                header_changed: Signal::new(),
+                room: Signal::new(),
                 refused: Signal::new(),
+                synced: Signal::new(),
+                sync_report: Signal::new(),
                 dropped: Signal::new(),
             }
         })
@@ -259,7 +325,14 @@ impl SkFlowSat {
     fn begin(&mut self, cx: &mut Cx, link: Box<dyn Link>, token: Token, credentials: Credentials) {
         let mut nonce = [0; 32];
         cx.world().rng.fill(&mut nonce);
-        self.core = Some(SatelliteCore::flow(credentials, nonce, cx.now()));
+        self.link_number += 1;
+        let core = SatelliteCore::flow(credentials, nonce, cx.now());
+        self.core = Some(match link.fragment_bytes_max() {
+            Some(bytes_max) => core.with_fragments_of(bytes_max),
+            None => core,
+        });
+        self.core = self.core.take().map(|core| core.named(&self.flow_name).resuming(self.session));
+        self.turned_away = false;
         self.link = Some(link);
         self.token = Some(token);
         self.waiting = None;
@@ -277,10 +350,11 @@ impl SkFlowSat {
         if let Some(core) = self.core.take() {
             self.losses += core.lost();
         }
-        for own in self.own.values_mut() {
-            own.channel = None;
-        }
+        self.own.values_mut().for_each(Own::forget_channel);
         self.heard.clear();
+        self.end_services(cx);
+        self.end_sync(cx);
+        self.clerk.lose();
         if matches!(self.way, Way::Address { .. }) {
             // The timer is this object's child and lives as long as it.
             let _ = self.reconnect.start_once(cx, self.reconnect_after);
@@ -294,7 +368,10 @@ impl SkFlowSat {
             Way::Pipe => tracing::warn!("the hub of this process has ended: {why}"),
         }
         let this = cx.this(self);
-        cx.post_own(this, move |cx| cx.emit_own(this, |satellite| &satellite.lost, &why));
+        cx.post_own(this, move |cx| {
+            database::tell_told(cx, this);
+            cx.emit_own(this, |satellite| &satellite.lost, &why);
+        });
     }
 
     fn on_reconnect(&mut self, cx: &mut Cx) {
@@ -312,6 +389,9 @@ impl SkFlowSat {
         {
             self.break_link(cx, error.to_string());
         }
+        if let Some(core) = &mut self.core {
+            self.clerk.check(core);
+        }
         self.flush_later(cx);
     }
 
@@ -324,7 +404,14 @@ impl SkFlowSat {
 
     fn flush_later(&mut self, cx: &mut Cx) {
         let has_output = self.waiting.is_some() || self.core.as_ref().is_some_and(SatelliteCore::has_output);
-        if has_output && !std::mem::replace(&mut self.flush_asked, true) {
+        if has_output {
+            self.flush_in_next_round(cx);
+        }
+    }
+
+    /// In step 7, of the next round if this round's has come.
+    fn flush_in_next_round(&mut self, cx: &mut Cx) {
+        if !std::mem::replace(&mut self.flush_asked, true) {
             let this = cx.this(self);
             cx.write_later(this.id(), flush);
         }
@@ -333,6 +420,7 @@ impl SkFlowSat {
     /// Step 7.
     fn flush(&mut self, cx: &mut Cx) {
         self.flush_asked = false;
+        self.finish_pulses(cx);
         let now = cx.now();
         let (Some(core), Some(mut link)) = (&mut self.core, self.link.take()) else { return };
         let turn = link.write(cx, &mut Side { core, now, waiting: &mut self.waiting });
@@ -361,7 +449,7 @@ impl SkFlowSat {
         let wrote = if link.may_write(readiness) { link.write(cx, &mut side) } else { Turn::Done };
         // Read in any case: a hub that takes nothing any more may have said why.
         let read = readiness.readable || wrote == Turn::Over;
-        let mut turn = if read { link.read(cx, &mut side, &mut self.room) } else { Turn::Done };
+        let mut turn = if read { link.read(cx, &mut side, &mut self.read_into) } else { Turn::Done };
         if wrote == Turn::Over && turn == Turn::Done {
             turn = Turn::Over;
         }
@@ -376,89 +464,45 @@ impl SkFlowSat {
 
     /// Takes the next event and does the bookkeeping for it.
     fn next_event(&mut self, cx: &mut Cx) -> Option<SatelliteEvent> {
-        let event = self.core.as_mut()?.next_event()?;
+        let core = self.core.as_mut()?;
+        let mut event = core.next_event()?;
+        // What is about databases is told by their own objects.
+        while self.clerk.hear(core, &event) {
+            event = core.next_event()?;
+        }
+        self.note_sync(cx, &event);
         match &event {
             SatelliteEvent::Ready => self.restore(cx),
-            SatelliteEvent::Created { channel, name, .. } => {
-                if let Some(own) = self.own.get_mut(own_name(name)) {
-                    own.channel = Some(*channel);
-                }
+            SatelliteEvent::Created { tag, channel, name } => {
+                self.created(cx, *tag, *channel, name);
+                self.service_created(own_name(name), *channel);
+                self.sync_created(own_name(name), *channel);
             }
             SatelliteEvent::ChannelAdded(info) => {
                 self.heard.insert(info.channel, Rc::new(info.clone()));
+                self.repeat_new_source(cx, info);
+                self.send_waiting(cx, Some(&info.name));
             }
             SatelliteEvent::ChannelRemoved(info) => {
                 self.heard.remove(&info.channel);
+            }
+            SatelliteEvent::HeaderChanged { info, .. } => {
+                self.heard.insert(info.channel, Rc::new(info.clone()));
+            }
+            // Before it is ready nothing else can be refused than to become a flow.
+            SatelliteEvent::Refused { text, .. } if !self.was_ready => {
+                self.turned_away = true;
+                self.farewell = Some(text.clone());
             }
             _ => {}
         }
         Some(event)
     }
 
-    fn restore(&mut self, cx: &mut Cx) {
-        self.reconnect_after = RECONNECT_FIRST;
-        self.was_ready = true;
-        let Some(core) = &mut self.core else { return };
-        for (name, own) in &self.own {
-            if let Err(error) = core.create(name, &own.properties) {
-                tracing::error!("channel {name} cannot be opened: {error}");
-            }
-        }
-        for (name, depth) in &self.wanted {
-            if let Err(error) = core.subscribe(name, *depth) {
-                tracing::error!("channel {name} cannot be subscribed to: {error}");
-            }
-        }
-        self.flush_later(cx);
-    }
-
-    fn own_name_of(&self, channel: ChannelRef) -> Option<String> {
-        let found = self.own.iter().find(|(_, own)| own.channel == Some(channel));
-        found.map(|(name, _)| name.clone())
-    }
-
     /// As it was when the event came: the core may know already that the channel has gone since.
     fn heard_channel(&self, channel: ChannelRef) -> Option<Rc<ChannelInfo>> {
         self.heard.get(&channel).cloned()
     }
-
-    // ---- commands ----
-
-    fn open(&mut self, cx: &mut Cx, name: &str, properties: SkVariant) -> Result<(), SatelliteError> {
-        sk_flat::Name::new(name)?;
-        if self.own.contains_key(name) {
-            // Opened before, by a module that was restarted: the channel and its listeners are kept.
-            return Ok(());
-        }
-        if let Some(core) = self.core.as_mut().filter(|core| core.is_ready()) {
-            core.create(name, &properties)?;
-        }
-        self.own.insert(name.to_owned(), Own { properties, channel: None });
-        self.flush_later(cx);
-        Ok(())
-    }
-
-    fn publish(&mut self, cx: &mut Cx, name: &str, payload: impl FnOnce() -> Option<Bytes>) -> bool {
-        let Some(own) = self.own.get(name) else { return false };
-        let (Some(core), Some(channel)) = (&mut self.core, own.channel) else {
-            self.losses += 1;
-            return false;
-        };
-        if !core.is_listened(channel) {
-            return false;
-        }
-        let sent = payload().is_some_and(|payload| core.publish(channel, payload) == Ok(true));
-        if !sent {
-            self.losses += 1;
-        }
-        self.flush_later(cx);
-        sent
-    }
-}
-
-/// `user.name` without the user.
-fn own_name(full: &str) -> &str {
-    full.split_once('.').map_or(full, |(_, name)| name)
 }
 
 /// The link is ready.
@@ -468,10 +512,12 @@ fn serve(cx: &mut Cx, satellite: ObjectId, readiness: Readiness) -> bool {
     // Events first: a hub says why before it ends a connection.
     events::tell_all(cx, satellite);
     let turn = turn.unwrap_or(Turn::Done);
-    if turn == Turn::Over {
+    let turned_away = cx.with(satellite, |satellite, _| satellite.turned_away) == Ok(true);
+    if turn == Turn::Over || turned_away {
         // A satellite that was destroyed by its own event needs no way back.
         let _ = cx
             .with(satellite, |satellite, cx| satellite.break_link(cx, "the hub ended the connection".into()));
+        return false;
     }
     turn == Turn::More
 }

@@ -3,7 +3,12 @@
 use super::{SkFlowServer, serve};
 use crate::Cx;
 use crate::flow::HubAddress;
+use crate::flow::server::Origin;
+use crate::flow::transport::tty::{Opening, SerialLine};
+#[cfg(not(all(feature = "tls", feature = "websocket")))]
 use crate::flow::transport::unsupported;
+#[cfg(feature = "tls")]
+use crate::flow::transport::{TlsIdentity, TlsStream};
 #[cfg(feature = "websocket")]
 use crate::flow::transport::{WebSocketStream, agree};
 #[cfg(feature = "http")]
@@ -13,7 +18,6 @@ use crate::net::http::{Upgrade, Upgraded};
 use crate::net::{Door, Wrap};
 use crate::object::Handle;
 use std::io;
-#[cfg(feature = "websocket")]
 use std::rc::Rc;
 
 impl Handle<SkFlowServer> {
@@ -29,7 +33,40 @@ impl Handle<SkFlowServer> {
             HubAddress::Tcp(_) | HubAddress::Unix(_) => self.listen_for_streams(cx, at, None),
             #[cfg(feature = "websocket")]
             HubAddress::WebSocket { path, .. } => self.listen_for_upgrades(cx, at, path, None),
+            HubAddress::Tty { .. } => self.listen_on_line(cx, at),
+            #[cfg(feature = "tls")]
+            HubAddress::Tls(_) | HubAddress::SecureWebSocket { .. } => {
+                let what = format!("to listen at {at} a certificate is needed: use `listen_secured`");
+                Err(io::Error::new(io::ErrorKind::InvalidInput, what))
+            }
+            #[cfg(not(all(feature = "tls", feature = "websocket")))]
             _ => Err(unsupported(at)),
+        }
+    }
+
+    /// As [`listen`](Handle::listen), at a `tls:` or `wss:` address: whoever connects is shown this certificate.
+    ///
+    /// # Errors
+    /// As [`listen`](Handle::listen), and `InvalidInput` for an address without TLS.
+    #[cfg(feature = "tls")]
+    pub fn listen_secured(
+        self,
+        cx: &mut Cx,
+        at: &HubAddress,
+        identity: TlsIdentity,
+    ) -> io::Result<HubAddress> {
+        self.refuse_at_end(cx)?;
+        let wrap: Wrap = Rc::new(move |stream| Ok(Box::new(TlsStream::accepted(stream, &identity)?)));
+        match at {
+            HubAddress::Tls(_) => self.listen_for_streams(cx, at, Some(wrap)),
+            #[cfg(feature = "websocket")]
+            HubAddress::SecureWebSocket { path, .. } => self.listen_for_upgrades(cx, at, path, Some(wrap)),
+            #[cfg(not(feature = "websocket"))]
+            HubAddress::SecureWebSocket { .. } => Err(unsupported(at)),
+            _ => {
+                let what = format!("{at} has no TLS: write `tls:` or `wss:`");
+                Err(io::Error::new(io::ErrorKind::InvalidInput, what))
+            }
         }
     }
 
@@ -47,6 +84,27 @@ impl Handle<SkFlowServer> {
         cx.with(self, |server, _| server.doors.insert(token, door))
             .map_err(io::Error::other)?;
         Ok(local)
+    }
+
+    fn listen_on_line(self, cx: &mut Cx, at: &HubAddress) -> io::Result<HubAddress> {
+        let take = Rc::new(move |cx: &mut Cx, opening: Opening| self.take_opening(cx, opening));
+        SerialLine::listen(cx, self.id(), &at.endpoint(), take)?;
+        Ok(at.clone())
+    }
+
+    fn take_opening(self, cx: &mut Cx, opening: Opening) {
+        if self.refuse_at_end(cx).is_err() {
+            return;
+        }
+        let token = cx.add_source(self.id(), serve);
+        let Some(link) = opening.accept(token) else { return cx.remove_source(token) };
+        let now = cx.now();
+        let taken = cx.with(self, |server, cx| server.take_link(cx, token, link, Origin::Line, now));
+        match taken {
+            // Its first bytes may have come with the opening.
+            Ok(()) => cx.offer_source(token),
+            Err(_) => cx.remove_source(token),
+        }
     }
 
     #[cfg(feature = "websocket")]

@@ -8,11 +8,14 @@ use std::str::FromStr;
 
 /// The path of the flow in an HTTP server, if an address does not say another.
 pub const FLOW_PATH: &str = "/flow";
+/// The speed of a serial line, if an address does not say another.
+const BAUD_DEFAULT: u32 = 115_200;
 /// The longest path of an address.
 const PATH_BYTES_MAX: usize = 255;
 
 /// Where a hub is reached: `tcp:127.0.0.1:4141`, `unix:/run/user/1000/skrobot/hub.sock`,
-/// `ws:127.0.0.1:4180/flow`, and with TLS below `tls:127.0.0.1:4142` and `wss:127.0.0.1:4443/flow`.
+/// `ws:127.0.0.1:4180/flow`, with TLS below `tls:127.0.0.1:4142` and `wss:127.0.0.1:4443/flow`, and over a serial
+/// line `tty:/dev/ttyUSB0?baud=115200`.
 ///
 /// ```
 /// use sk_core::flow::HubAddress;
@@ -47,13 +50,20 @@ pub enum HubAddress {
         /// The path there.
         path: String,
     },
+    /// A serial line; the login is as over TCP.
+    Tty {
+        /// The device.
+        path: PathBuf,
+        /// Its speed in bits a second; a satellite and its hub must mean the same.
+        baud: u32,
+    },
 }
 
 /// Why an address was not understood.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "{0:?} is no address of a hub: write `tcp:HOST:PORT` with a numeric host, `unix:PATH`, `ws:HOST:PORT/flow`, \
-     `tls:HOST:PORT` or `wss:HOST:PORT/flow`"
+     `tls:HOST:PORT`, `wss:HOST:PORT/flow` or `tty:DEVICE?baud=115200`"
 )]
 pub struct AddressError(String);
 
@@ -66,6 +76,7 @@ impl HubAddress {
             | HubAddress::WebSocket { at, .. }
             | HubAddress::SecureWebSocket { at, .. } => Endpoint::Ip(*at),
             HubAddress::Unix(path) => Endpoint::Unix(path.clone()),
+            HubAddress::Tty { path, baud } => Endpoint::Tty { path: path.clone(), baud: *baud },
         }
     }
 
@@ -89,6 +100,7 @@ impl From<&Endpoint> for HubAddress {
         match endpoint {
             Endpoint::Ip(at) => HubAddress::Tcp(*at),
             Endpoint::Unix(path) => HubAddress::Unix(path.clone()),
+            Endpoint::Tty { path, baud } => HubAddress::Tty { path: path.clone(), baud: *baud },
         }
     }
 }
@@ -108,6 +120,13 @@ impl FromStr for HubAddress {
             Some(("tcp", at)) => ip(at).map(HubAddress::Tcp),
             Some(("tls", at)) => ip(at).map(HubAddress::Tls),
             Some(("unix", path)) if !path.is_empty() => Ok(HubAddress::Unix(path.into())),
+            Some(("tty", rest)) => {
+                let (path, baud) = match rest.rsplit_once("?baud=") {
+                    Some((path, baud)) => (path, baud.parse().map_err(|_| refused())?),
+                    None => (rest, BAUD_DEFAULT),
+                };
+                if path.is_empty() { Err(refused()) } else { Ok(HubAddress::Tty { path: path.into(), baud }) }
+            }
             Some((scheme @ ("ws" | "wss"), rest)) => {
                 let (at, path) = match rest.find('/') {
                     Some(slash) => rest.split_at(slash),
@@ -136,6 +155,7 @@ impl fmt::Display for HubAddress {
             HubAddress::WebSocket { at, path } => write!(f, "ws:{at}{path}"),
             HubAddress::Tls(at) => write!(f, "tls:{at}"),
             HubAddress::SecureWebSocket { at, path } => write!(f, "wss:{at}{path}"),
+            HubAddress::Tty { path, baud } => write!(f, "tty:{}?baud={baud}", path.display()),
         }
     }
 }
@@ -153,10 +173,21 @@ mod tests {
             "ws:10.0.0.1:4180/a/b",
             "tls:127.0.0.1:2",
             "wss:127.0.0.1:443/flow",
+            "tty:/dev/ttyUSB0?baud=9600",
         ] {
             assert_eq!(text.parse::<HubAddress>().map(|at| at.to_string()), Ok(text.to_owned()));
         }
-        for text in ["", "tcp:", "tcp:host:1", "unix:", "ws:127.0.0.1/flow", "ws:127.0.0.1:1/a b", "wss:/x"] {
+        for text in [
+            "",
+            "tcp:",
+            "tcp:host:1",
+            "unix:",
+            "ws:127.0.0.1/flow",
+            "tty:",
+            "tty:/dev/x?baud=fast",
+            "ws:127.0.0.1:1/a b",
+            "wss:/x",
+        ] {
             assert!(text.parse::<HubAddress>().is_err(), "{text}");
         }
         assert!(

@@ -42,6 +42,11 @@ pub(crate) enum Turn {
 /// A transport: it carries what a core has to say to the core at the other end, in order, until one of them is
 /// gone. The source that it was made with reports when there may be something to read or room to write.
 pub(crate) trait Link {
+    /// How long fragments should be at most, where that is less than usual.
+    fn fragment_bytes_max(&self) -> Option<u32> {
+        None
+    }
+
     /// Whether what waits is to be written at this readiness.
     fn may_write(&self, readiness: Readiness) -> bool;
 

@@ -15,8 +15,8 @@ const FRUITLESS_READ_COST: usize = 1024;
 pub(crate) struct StreamLink(Box<dyn Stream>);
 
 impl StreamLink {
-    pub(crate) fn new(stream: Box<dyn Stream>) -> Box<dyn Link> {
-        Box::new(StreamLink(stream))
+    pub(crate) fn new(stream: Box<dyn Stream>) -> StreamLink {
+        StreamLink(stream)
     }
 
     fn fill(&mut self, core: &mut dyn Core, room: &mut [u8]) -> Turn {

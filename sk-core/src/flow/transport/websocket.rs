@@ -149,7 +149,11 @@ impl WebSocketStream {
     /// Reads the server's answer until it is whole.
     fn hear_answer(&mut self) -> io::Result<()> {
         let State::Asking { below, key, answer } = &mut self.state else { return Ok(()) };
-        below.flush()?;
+        match below.flush() {
+            // A layer below may have to read before it can write.
+            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::NotConnected) => {}
+            other => other?,
+        }
         let mut room = [0; 1024];
         let length = loop {
             let count = below.stream.read(&mut room)?;

@@ -5,8 +5,8 @@ use super::connection::{Connection, Overdue};
 use super::request::Method;
 #[cfg(feature = "websocket")]
 use super::site::Upgrade;
-use super::site::Upgraded;
 use super::site::{HttpSettings, Page, Reply, Site};
+use super::site::{TakeUpgraded, Upgraded};
 use crate::eventloop::Timer;
 use crate::net::{Door, Wrap};
 use crate::object::{Access, Handle, ObjectId};
@@ -15,7 +15,6 @@ use crate::{Cx, attach};
 use bytes::Bytes;
 use rustc_hash::FxHashMap;
 use std::io::{self, ErrorKind};
-use std::rc::Rc;
 use std::time::Duration;
 
 /// How many connections may be open that have not become something else. The one that has been quiet for
@@ -68,7 +67,7 @@ enum Turn {
     Wait,
     More,
     Over,
-    Upgrade { answer: Bytes, take: Rc<dyn Fn(&mut Cx, Upgraded)> },
+    Upgrade { answer: Bytes, take: TakeUpgraded },
 }
 
 impl HttpServer {
@@ -265,7 +264,7 @@ impl Served {
 /// A connection on its way to whoever registered its path.
 struct Handover {
     upgraded: Upgraded,
-    take: Rc<dyn Fn(&mut Cx, Upgraded)>,
+    take: TakeUpgraded,
 }
 
 /// A listener or a connection is ready.

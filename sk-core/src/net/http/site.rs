@@ -79,7 +79,8 @@ pub struct Page {
     pub body: Bytes,
 }
 
-/// A connection that has become something else than HTTP.
+/// A connection that has become something else than HTTP. So far that is WebSocket only.
+#[cfg_attr(not(feature = "websocket"), expect(dead_code))]
 pub(crate) struct Upgraded {
     pub(crate) stream: Box<dyn Stream>,
     pub(crate) token: Token,
@@ -91,19 +92,22 @@ pub(crate) struct Upgraded {
     pub(crate) begun: Instant,
 }
 
+/// Takes a connection that has upgraded.
+pub(crate) type TakeUpgraded = Rc<dyn Fn(&mut Cx, Upgraded)>;
+
 /// A path at which connections may upgrade.
 #[derive(Clone)]
 pub(crate) struct Upgrade {
     /// The head that agrees to the upgrade, or the refusal.
     pub(crate) agree: fn(&Request) -> Result<Bytes, Answer>,
     /// Takes the connection.
-    pub(crate) take: Rc<dyn Fn(&mut Cx, Upgraded)>,
+    pub(crate) take: TakeUpgraded,
 }
 
 /// What is to be done with a request.
 pub(super) enum Reply {
     Answer(Answer),
-    Upgrade { answer: Bytes, take: Rc<dyn Fn(&mut Cx, Upgraded)> },
+    Upgrade { answer: Bytes, take: TakeUpgraded },
 }
 
 /// All that a server has to offer.
@@ -168,8 +172,8 @@ mod tests {
     use super::*;
 
     fn site() -> Site {
-        let mut site = Site::default();
-        site.settings = HttpSettings::default().allow_origin("https://lab.example");
+        let settings = HttpSettings::default().allow_origin("https://lab.example");
+        let mut site = Site { settings, ..Site::default() };
         site.pages
             .insert("/".into(), Page { kind: "text/html", body: Bytes::from_static(b"here") });
         site.listens_at(&Endpoint::Ip("10.0.0.7:80".parse().expect("an address")));

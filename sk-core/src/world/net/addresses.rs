@@ -40,7 +40,7 @@ impl Switch {
         let exact = self.listening.get(to).copied();
         match to {
             Endpoint::Ip(at) => exact.or_else(|| self.listening.get(&Endpoint::Ip(any_of(*at))).copied()),
-            Endpoint::Unix(_) => exact,
+            Endpoint::Unix(_) | Endpoint::Tty { .. } => exact,
         }
     }
 
@@ -64,6 +64,7 @@ impl Switch {
                 return Err(io::ErrorKind::AddrInUse.into());
             }
             Endpoint::Unix(_) => at.clone(),
+            Endpoint::Tty { .. } => return Err(io::ErrorKind::Unsupported.into()),
         };
         self.dark.remove(&at);
         let waiting = Waiting { at: at.clone(), ends: VecDeque::new() };
@@ -112,6 +113,7 @@ impl Switch {
                 return Err(io::ErrorKind::NotFound.into());
             }
             Endpoint::Unix(_) => (Medium::Unix, to.clone(), None),
+            Endpoint::Tty { .. } => return Err(io::ErrorKind::NotFound.into()),
         };
         let mut end = End::new(medium, Phase::Connecting, self.wire.window_bytes());
         end.peer = Some(to.clone());

@@ -6,7 +6,7 @@ use std::net::SocketAddr;
 pub(super) fn address(at: &Endpoint) -> Option<SocketAddr> {
     match at {
         Endpoint::Ip(at) => Some(*at),
-        Endpoint::Unix(_) => None,
+        Endpoint::Unix(_) | Endpoint::Tty { .. } => None,
     }
 }
 

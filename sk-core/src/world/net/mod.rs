@@ -8,6 +8,8 @@ mod machines;
 mod real;
 mod real_socket;
 mod real_token;
+mod real_tty;
+mod real_waker;
 mod sim_socket;
 mod simulated;
 mod socket_file;
@@ -54,6 +56,13 @@ pub enum Endpoint {
     Ip(SocketAddr),
     /// A socket file. The file is made with mode 0600 and removed when its listener is dropped.
     Unix(PathBuf),
+    /// A serial port: it is opened by connecting, and nobody can listen there.
+    Tty {
+        /// The device, `/dev/ttyUSB0`.
+        path: PathBuf,
+        /// Its speed in bits a second.
+        baud: u32,
+    },
 }
 
 /// Wakes a loop that sleeps in [`Net::wait`], from any thread.

@@ -2,6 +2,8 @@
 
 use super::real_socket::{RealDatagram, RealListener, RealStream};
 use super::real_token::{TIMER, WAKER, poll_token};
+use super::real_tty::RealTty;
+use super::real_waker::RealWaker;
 use super::socket_file::SocketFile;
 use super::{Datagram, Endpoint, Listener, Net, OsSignal, OsSignals, Readiness, Stream, Token, Wake};
 use crate::sys::signal::{self, EndingSignals};
@@ -26,7 +28,8 @@ const COARSE_TIMEOUT_MIN: Duration = Duration::from_millis(2);
 const TIMER_TOLERANCE_NS: u64 = 2_000;
 
 /// The sockets of one loop on the real machine: an epoll (and its duplicate for listeners), an eventfd
-/// and a timerfd, all closed on exec.
+/// and a timerfd, all closed on exec. As long as it never had a socket, its longer waits go by without them:
+/// the thread is parked. It has to be used on the thread that made it.
 ///
 /// ```
 /// use sk_core::world::{Net, RealNet};
@@ -50,6 +53,8 @@ pub struct RealNet {
     timer: PollTimer,
     /// When the timer expires, 0 if it is not armed.
     armed_for_ns: u64,
+    /// There is, or was, something that can become ready.
+    has_sources: bool,
 }
 
 impl RealNet {
@@ -57,11 +62,11 @@ impl RealNet {
     pub fn new() -> io::Result<RealNet> {
         let poll = Poll::new()?;
         let registry = Rc::new(poll.registry().try_clone()?);
-        let waker = Arc::new(RealWaker(mio::Waker::new(&registry, WAKER)?));
+        let waker = Arc::new(RealWaker::new(mio::Waker::new(&registry, WAKER)?));
         let timer = PollTimer::new()?;
         registry.register(&mut SourceFd(&timer.raw_fd()), TIMER, Interest::READABLE)?;
         let events = Events::with_capacity(EVENTS_MAX);
-        Ok(RealNet { poll, registry, events, waker, timer, armed_for_ns: 0 })
+        Ok(RealNet { poll, registry, events, waker, timer, armed_for_ns: 0, has_sources: false })
     }
 
     /// Prepares what ends the wait and answers the time-out for the poll itself.
@@ -106,6 +111,10 @@ impl RealNet {
     }
 }
 
+fn no_listening() -> io::Error {
+    io::Error::new(io::ErrorKind::Unsupported, "nobody can listen at a serial port: connect to it")
+}
+
 /// What an event says. An error or a hang-up makes reads and writes return at once, so it is both.
 fn readiness(event: &Event) -> Readiness {
     Readiness {
@@ -122,12 +131,25 @@ impl Net for RealNet {
             let span_ns = u64::try_from(span.as_nanos()).unwrap_or(u64::MAX);
             timer::monotonic_ns().saturating_add(span_ns)
         });
+        let sleeps = timeout.is_none_or(|span| !span.is_zero());
+        // Below that the poll's timer is more exact than the time-out of a parked thread.
+        if sleeps && !self.has_sources && timeout.is_none_or(|span| span >= COARSE_TIMEOUT_MIN) {
+            self.waker.park(end_ns);
+            return Ok(());
+        }
         let mut remaining = timeout;
         loop {
             let poll_timeout = self.arm(end_ns, remaining)?;
-            match self.poll.poll(&mut self.events, poll_timeout) {
+            let (poll, events) = (&mut self.poll, &mut self.events);
+            let polled = match sleeps {
+                true => self.waker.while_polling(|| poll.poll(events, poll_timeout)),
+                false => None,
+            };
+            // A wake that came before the poll makes it a mere look.
+            match polled.unwrap_or_else(|| self.poll.poll(&mut self.events, Some(Duration::ZERO))) {
                 Ok(()) => {
-                    if self.report(ready) || poll_timeout.is_some() {
+                    let woken = sleeps && self.waker.take_wake();
+                    if self.report(ready) || woken || poll_timeout.is_some() {
                         return Ok(());
                     }
                 }
@@ -148,12 +170,14 @@ impl Net for RealNet {
 
     fn listen(&mut self, at: &Endpoint, token: Token) -> io::Result<Box<dyn Listener>> {
         let token = poll_token(token)?;
+        self.has_sources = true;
         let mut listener = match at {
             Endpoint::Ip(at) => RealListener::tcp(*at, self.registry.clone())?,
             Endpoint::Unix(path) => {
                 let (listener, file) = SocketFile::listen(path)?;
                 RealListener::unix(listener, file, self.registry.clone())
             }
+            Endpoint::Tty { .. } => return Err(no_listening()),
         };
         self.registry.register(&mut listener, token, Interest::READABLE)?;
         Ok(Box::new(listener))
@@ -161,14 +185,21 @@ impl Net for RealNet {
 
     fn connect(&mut self, to: &Endpoint, token: Token) -> io::Result<Box<dyn Stream>> {
         let token = poll_token(token)?;
+        self.has_sources = true;
+        let both = Interest::READABLE | Interest::WRITABLE;
+        if let Endpoint::Tty { path, baud } = to {
+            let port = RealTty::open(path, *baud)?;
+            self.registry.register(&mut SourceFd(&port.raw_fd()), token, both)?;
+            return Ok(Box::new(port));
+        }
         let mut stream = RealStream::connect(to)?;
-        self.registry
-            .register(&mut stream, token, Interest::READABLE | Interest::WRITABLE)?;
+        self.registry.register(&mut stream, token, both)?;
         Ok(Box::new(stream))
     }
 
     fn bind(&mut self, at: SocketAddr, token: Token) -> io::Result<Box<dyn Datagram>> {
         let token = poll_token(token)?;
+        self.has_sources = true;
         let mut socket = RealDatagram::bind(at)?;
         self.registry
             .register(&mut socket, token, Interest::READABLE | Interest::WRITABLE)?;
@@ -177,6 +208,7 @@ impl Net for RealNet {
 
     fn watch_os_signals(&mut self, token: Token) -> io::Result<Box<dyn OsSignals>> {
         let token = poll_token(token)?;
+        self.has_sources = true;
         let signals = EndingSignals::new()?;
         self.registry
             .register(&mut SourceFd(&signals.raw_fd()), token, Interest::READABLE)?;
@@ -200,18 +232,5 @@ impl OsSignals for EndingSignals {
             // The set has three members.
             _ => OsSignal::Terminate,
         }))
-    }
-}
-
-#[derive(Debug)]
-struct RealWaker(mio::Waker);
-
-impl Wake for RealWaker {
-    fn wake(&self) {
-        if let Err(error) = self.0.wake() {
-            // An eventfd that is open can always be written; if not, the loop still comes round by its
-            // own time-out.
-            tracing::error!(%error, "a loop could not be woken");
-        }
     }
 }

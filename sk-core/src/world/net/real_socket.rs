@@ -126,6 +126,8 @@ impl RealStream {
                 StreamSocket::Tcp(stream)
             }
             Endpoint::Unix(path) => StreamSocket::Unix(UnixStream::connect(path)?),
+            // The net opens ports itself.
+            Endpoint::Tty { .. } => return Err(io::ErrorKind::Unsupported.into()),
         };
         Ok(RealStream { socket, progress: Progress::UnderWay, peer: Some(to.clone()) })
     }

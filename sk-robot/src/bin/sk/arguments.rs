@@ -27,6 +27,27 @@ pub enum Task {
     Ls(Ls),
     /// Print what flows on a channel
     Echo(Echo),
+    /// Modules: make one of your own
+    #[command(subcommand)]
+    Module(Module),
+}
+
+#[derive(Subcommand, Debug)]
+pub enum Module {
+    /// Write the skeleton of a module: a crate that builds, has a test, and runs in a hub or as a satellite
+    New(ModuleNew),
+}
+
+#[derive(Args, Debug)]
+pub struct ModuleNew {
+    /// What it is called: lower-case letters, digits, `_` and `-`
+    pub name: String,
+    /// The folder to write to; it must be empty or not be there [default: the name]
+    #[arg(long, value_name = "DIR")]
+    pub path: Option<PathBuf>,
+    /// The SpecialK sources to build with [default: those this tool was built from, else the published ones]
+    #[arg(long, value_name = "DIR")]
+    pub tree: Option<PathBuf>,
 }
 
 #[derive(Args, Debug)]

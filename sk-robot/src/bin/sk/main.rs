@@ -1,13 +1,14 @@
-//! `sk`: looks into a running hub.
+//! `sk`: looks into a running hub, and helps to write what runs in one.
 #![forbid(unsafe_code)]
 
 mod arguments;
 mod echo;
 mod ls;
+mod module_new;
 mod output;
 mod session;
 
-use arguments::{Arguments, Task};
+use arguments::{Arguments, Module, Task};
 use clap::Parser;
 use std::process::ExitCode;
 
@@ -20,6 +21,7 @@ fn main() -> ExitCode {
     let outcome = match &arguments.task {
         Task::Ls(task) => ls::run(&arguments, task),
         Task::Echo(task) => echo::run(&arguments, task),
+        Task::Module(Module::New(task)) => module_new::run(task),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

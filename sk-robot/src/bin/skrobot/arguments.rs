@@ -3,6 +3,7 @@
 use clap::Parser;
 use sk_core::module::ModuleClass;
 use sk_core::world::Storage;
+use sk_flat::Name;
 use sk_robot::config::{Config, TcpAddress};
 use sk_robot::{places, supervise};
 use std::path::PathBuf;
@@ -81,6 +82,8 @@ impl Arguments {
             config.listen.tcp.clone_from(&tcp.0);
         }
         if let Some(account) = &self.account {
+            let name = account.parse::<Name>().and_then(|name| Name::compose(&name, &name));
+            name.map_err(|error| format!("--account {account:?}: {error}"))?;
             config.hub.account.clone_from(account);
         }
         if let Some(log) = &self.log {

@@ -20,6 +20,10 @@ pub struct Keeper {
     classes: Vec<ModuleClass>,
     manager: Option<ServiceManager>,
     sign: Handle<Timer>,
+    /// A worker reads the configuration.
+    reading: bool,
+    /// It was asked for again meanwhile: what the worker reads may be old already.
+    read_again: bool,
     /// It was started from a terminal, whose end is also told by SIGHUP.
     had_terminal: bool,
 }
@@ -45,7 +49,8 @@ impl Keeper {
             let sign = cx.under(this).spawn(Timer::default());
             attach!(cx, sign.timeout => this.on_sign);
             let had_terminal = std::io::stdin().is_terminal();
-            Keeper { hub, arguments, classes, manager, sign, had_terminal }
+            let (reading, read_again) = (false, false);
+            Keeper { hub, arguments, classes, manager, sign, reading, read_again, had_terminal }
         })
     }
 
@@ -74,7 +79,8 @@ impl Keeper {
     }
 
     fn on_signal(&mut self, cx: &mut Cx, signal: OsSignal) -> std::io::Result<()> {
-        if signal == OsSignal::HangUp && !(self.had_terminal && !std::io::stdin().is_terminal()) {
+        let terminal_is_gone = self.had_terminal && !std::io::stdin().is_terminal();
+        if signal == OsSignal::HangUp && !terminal_is_gone {
             self.reload(cx);
             return Ok(());
         }
@@ -88,19 +94,29 @@ impl Keeper {
         released
     }
 
-    /// The file is read away from the loop.
+    /// The file is read away from the loop, by one worker at a time: two could end in any order.
     fn reload(&mut self, cx: &mut Cx) {
+        if self.reading {
+            self.read_again = true;
+            return;
+        }
         tracing::info!("reading the configuration again");
         let (arguments, classes) = (self.arguments.clone(), self.classes.clone());
         let storage = cx.world().storage.clone();
         let job = move || Loaded(arguments.config(&*storage, &classes));
         let this = cx.this(self);
-        if let Err(error) = cx.work(job, this.slots().on_loaded()) {
-            tracing::error!("the configuration stays as it is: {error}");
+        match cx.work(job, this.slots().on_loaded()) {
+            Ok(()) => self.reading = true,
+            Err(error) => tracing::error!("the configuration stays as it is: {error}"),
         }
     }
 
     fn on_loaded(&mut self, cx: &mut Cx, loaded: &Loaded) {
+        self.reading = false;
+        if std::mem::take(&mut self.read_again) {
+            self.reload(cx);
+            return;
+        }
         match &loaded.0 {
             Err(error) => tracing::error!("the configuration stays as it is:\n{error}"),
             Ok(config) => {

@@ -1,11 +1,22 @@
 //! The rules of the hub, with its two sides talking through memory.
 
 mod channels;
+mod databases;
 mod deadlines;
 mod delivery;
+mod inspect;
 mod login;
+mod policies;
+mod polling;
+mod reliable;
+mod replicas;
 mod service_limits;
 mod services;
+mod sessions;
+#[cfg(feature = "store")]
+mod stored;
+mod sync;
+mod watches;
 
 use super::super::limits::*;
 use super::super::satellite::{Credentials, SatelliteCore, SatelliteEvent};
@@ -75,7 +86,19 @@ impl Raw {
     /// Everything that the hub has for this client.
     fn read(&mut self, hub: &mut ServerCore) -> Vec<Tagged<Event>> {
         let mut events = Vec::new();
-        while let Some(frame) = hub.take(self.id) {
+        loop {
+            let one = self.read_one(hub);
+            if one.is_empty() {
+                return events;
+            }
+            events.extend(one);
+        }
+    }
+
+    /// The next frame that the hub has for this client.
+    fn read_one(&mut self, hub: &mut ServerCore) -> Vec<Tagged<Event>> {
+        let mut events = Vec::new();
+        if let Some(frame) = hub.take(self.id) {
             self.inbound.feed(&frame.to_vec());
             while let Some(event) = self.inbound.next().expect("the hub is honest") {
                 if matches!(
@@ -102,6 +125,22 @@ impl Raw {
         raw.read(hub);
         assert_eq!(raw.inbound.state(), State::Flow);
         raw
+    }
+
+    fn synchronous(hub: &mut ServerCore, origin: Origin) -> Raw {
+        let mut raw = Raw::open(hub, origin);
+        for command in [Raw::hello(FRAGMENT_BYTES_MAX as u32), Command::LoginPeer {}] {
+            raw.send(hub, 1, &command);
+        }
+        raw.read(hub);
+        assert_eq!(raw.inbound.state(), State::Synchronous);
+        raw
+    }
+
+    /// Sends a command and answers what came with its tag.
+    fn ask(&mut self, hub: &mut ServerCore, command: &Command) -> Vec<Event> {
+        self.send(hub, 79, command);
+        tagged(&self.read(hub), 79)
     }
 
     fn create(&mut self, hub: &mut ServerCore, name: &str) -> ChannelRef {
@@ -161,6 +200,53 @@ impl Raw {
 
     fn publish(&self, hub: &mut ServerCore, channel: ChannelRef, payload: Bytes) {
         self.send_flagged(hub, 9, Flags::WHOLE, &Command::Publish { channel, message: 1, payload });
+    }
+}
+
+fn with_properties(of: impl IntoIterator<Item = (&'static str, SkVariant)>) -> Properties {
+    Properties::new(&SkVariant::map(of)).expect("a small map")
+}
+
+impl Raw {
+    fn create_with(&mut self, hub: &mut ServerCore, name: &str, properties: Properties) -> ChannelRef {
+        self.send(hub, 76, &Command::CreateStream { name: name.to_owned(), properties });
+        let events = tagged(&self.read(hub), 76);
+        let created = events.iter().find_map(|event| match event {
+            Event::ChannelAdded { channel, .. } => Some(*channel),
+            _ => None,
+        });
+        created.unwrap_or_else(|| panic!("no channel, but {events:?}"))
+    }
+
+    fn subscribe_as(&mut self, hub: &mut ServerCore, channel: ChannelRef, policy: Policy, depth: u16) {
+        self.send(hub, 78, &Command::Subscribe { channel, policy, depth, divisor: 1 });
+        assert!(tagged(&self.read(hub), 78).contains(&Event::Subscribed { channel }));
+    }
+
+    /// Hands a message over without copying it, as a module inside the process does.
+    fn hand(&self, hub: &mut ServerCore, channel: ChannelRef, payload: &Bytes) {
+        for (flags, payload) in crate::flow::fragment::cut(payload.clone(), FRAGMENT_BYTES_MAX) {
+            let publish = Command::Publish { channel, message: 1, payload };
+            hub.accept(self.id, publish.encode(9, flags), hub.now);
+            while hub.work(hub.now) {}
+        }
+    }
+
+    /// The payloads of the messages of a channel that come now.
+    fn heard(&mut self, hub: &mut ServerCore, channel: ChannelRef) -> Vec<Vec<u8>> {
+        let mut messages = Vec::new();
+        for event in self.read(hub) {
+            if let Event::Data { channel: on, payload, .. } = &event.message
+                && *on == channel
+            {
+                if event.flags.has(Flags::FIRST) {
+                    messages.push(Vec::new());
+                }
+                let begun = messages.last_mut().expect("a message begins before it goes on");
+                begun.extend_from_slice(payload);
+            }
+        }
+        messages
     }
 }
 

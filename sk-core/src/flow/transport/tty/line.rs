@@ -346,6 +346,10 @@ impl Line {
     fn on_welcome(&mut self, payload: &[u8], now: Instant) {
         let (Some(listener), Some(own)) = (number_at(payload, 0), number_at(payload, 4)) else { return };
         if own != self.own {
+            // Meant for a former number, unless the line is up: then the listener is in another life.
+            if self.is_up() {
+                self.end_life(now);
+            }
             return;
         }
         match self.life {
@@ -508,7 +512,8 @@ impl Line {
         let was_up = self.is_up();
         self.life = Life::None { call_at: now };
         self.own = self.new_number();
-        self.owed = None;
+        // A caller that has nothing to send would not find out for long.
+        self.owed = (was_up && self.role == Role::Listener).then_some(Kind::Reset);
         self.window = Window::new(now);
         // Half an envelope must not be continued by another's beginning; the end mark before each sees to that.
         (self.ready, self.taken) = (Vec::new(), 0);

@@ -1,0 +1,97 @@
+//! The simulation itself: it repeats exactly, it finds what is wrong, and its scripts can be read again.
+
+use sk_sim::action::Action;
+use sk_sim::run::run;
+use sk_sim::script::{Role, Script};
+use sk_sim::{generate, log};
+
+#[test]
+fn the_same_seed_gives_the_same_run_and_another_seed_another() {
+    let mut hashes = std::collections::BTreeSet::new();
+    for seed in 1..=12 {
+        let script = generate::script(seed);
+        let first = run(&script);
+        assert_eq!(first, run(&script), "seed {seed}");
+        assert_eq!(first.complaint, None, "seed {seed}");
+        hashes.insert(first.hash);
+    }
+    assert_eq!(hashes.len(), 12);
+}
+
+#[test]
+fn every_script_can_be_written_down_and_read_again() {
+    let mut seen = std::collections::BTreeSet::new();
+    for seed in 0..300 {
+        let script = generate::script(seed);
+        let text = script.to_string();
+        assert_eq!(text.parse::<Script>().as_ref(), Ok(&script), "seed {seed}");
+        for step in &script.steps {
+            seen.insert(step.action.to_string().split(' ').next().unwrap_or_default().to_owned());
+        }
+    }
+    let all = [
+        "abort", "burst", "call", "close", "die", "hear", "link", "mend", "open", "part", "quit", "refuse",
+        "reset", "serve", "slow", "start", "unhear", "unserve", "wild",
+    ];
+    assert_eq!(seen.iter().map(String::as_str).collect::<Vec<_>>(), all, "every kind comes up");
+}
+
+#[test]
+fn a_script_that_is_none_is_refused_with_its_line() {
+    for (text, line) in [
+        ("seed x\n", 1),
+        ("seed 1\nnode 0 hubs\n", 2),
+        ("seed 1\n# fine\nat 1.000ms n1 fly\n", 3),
+        ("at 2.000ms n1 reset\nat 1.000ms n1 reset\n", 2),
+        ("at 2ms n1 reset\n", 1),
+        ("seed 1 2\n", 1),
+    ] {
+        assert_eq!(text.parse::<Script>().map_err(|error| error.line), Err(line), "{text:?}");
+    }
+}
+
+/// Seeds alone would not tell a simulation in which nothing happens from a hub without faults.
+#[test]
+fn runs_are_full_of_life() {
+    let (mut published, mut heard, mut roles) = (0, 0, Vec::new());
+    for seed in 1..=30 {
+        let script = generate::script(seed);
+        let outcome = run(&script);
+        published += outcome.published;
+        heard += outcome.heard;
+        roles.extend(script.nodes.iter().map(|(_, role)| *role));
+    }
+    assert!(published > 2000 && heard > 1000, "{published} published, {heard} heard");
+    let inside = |role: &Role| matches!(role, Role::Inside { .. });
+    assert!(roles.iter().any(inside) && roles.contains(&Role::Wild));
+}
+
+/// Steps that make no sense do nothing: what the shrinker leaves is always a script.
+#[test]
+fn deleting_from_a_script_leaves_a_script_that_runs() {
+    log::listen();
+    for seed in 1..=6 {
+        let mut script = generate::script(seed);
+        let mut keep = seed;
+        script.steps.retain(|_| {
+            keep = keep.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            keep >> 62 != 0
+        });
+        script.nodes.retain(|(number, _)| *number != 3);
+        assert_eq!(run(&script).complaint, None, "seed {seed}");
+        script.steps.retain(|step| !matches!(step.action, Action::Open(_)));
+        assert_eq!(run(&script).complaint, None, "seed {seed} without channels");
+    }
+}
+
+/// Without a hub nobody is let in, and that is a complaint: the rules can be broken.
+#[test]
+fn a_rule_that_is_broken_is_told() {
+    let script: Script = "seed 1\nnode 1 satellite tcp\nat 1.000ms n1 open 0\n"
+        .parse()
+        .expect("a script");
+    let complaint = run(&script).complaint.expect("it is lost");
+    assert_eq!(complaint.rule, sk_sim::ledger::Rule::Restored);
+    let shrunk = sk_sim::shrink::shrink(&script, 50).expect("it still fails");
+    assert_eq!((shrunk.script.steps.len(), shrunk.script.nodes.len()), (0, 1));
+}
