@@ -49,7 +49,7 @@ class Streams(HubTest):
         stream = sat.stream("lonely")
         self.until(lambda: stream.reference is not None, sat)
         self.assertFalse(stream.publish(1))
-        self.assertEqual((sat._connection.waiting, sat.losses), (0, 0))
+        self.assertEqual((sat.waiting, sat.losses), (0, 0))
         sat.close()
 
     def test_a_second_owner_of_a_name_is_refused(self):

@@ -34,7 +34,7 @@ class GoldenVectors(unittest.TestCase):
             kind, flags, length = HEADER.unpack_from(raw, 0)
             self.assertEqual(length, len(raw) - 6, name)
             read, write = (decode_command, encode) if side == "command" else (decode, encode_event)
-            found, tag, fields = read(kind, flags, memoryview(raw)[6:])
+            found, tag, _, fields = read(kind, flags, memoryview(raw)[6:])
             self.assertEqual(write(found, tag, fields, flags), raw, name)
             seen.add(found if side == "command" else "event " + found)
         wanted = set(table.COMMANDS) | set("event " + name for name in table.EVENTS)
@@ -99,12 +99,16 @@ class Frames(unittest.TestCase):
         for size in (1, 2, 3, 7, 64, 1000, len(stream)):
             reader, count = FrameReader(64), [0]
 
-            def found(*_):
+            def run(_, payloads):
+                count[0] += len(payloads)
+                return True
+
+            def event(*_):
                 count[0] += 1
                 return True
             for at in range(0, len(stream), size):
                 reader.feed(stream[at:at + size])
-                reader.take(found, found)
+                reader.take(run, event)
             self.assertEqual((count[0], reader.pending()), (len(raws), 0), "pieces of %d" % size)
 
     def test_garbage_is_an_error_and_nothing_else(self):

@@ -12,47 +12,48 @@ import subprocess
 import sys
 
 from .clock import monotonic
+from .pulse import SOCKET
 from .sat import FlowSat
 
 CASES = (("large", 64 * 1024), ("small", 16))
+# What the publisher keeps ready for its socket.
+OUT_BYTES_MAX = 1024 * 1024
 
 
 class Publisher(FlowSat):
-    """Sends payloads of one size while somebody listens."""
+    """Sends payloads of one size as fast as its credit goes."""
+
+    def __init__(self, hub, credentials, name, size):
+        FlowSat.__init__(self, hub, credentials=credentials, mode=SOCKET, interval=0.001)
+        self._name, self._payload, self._out = name, b"\x5a" * size, None
 
     def setup(self):
-        self.out = self.stream(self.channel_name, format="bytes", delivery="reliable")
+        self._out = self.stream(self._name, format="bytes", delivery="reliable")
 
     def loop(self):
-        connection = self._connection
-        if connection is None or not self.out.listened:
-            return
-        while connection.waiting < 1024 * 1024:
-            if not self.out.publish_bytes(self.payload):
-                break
+        while self._out.wanted and self.waiting < OUT_BYTES_MAX:
+            self._out.publish_bytes(self._payload)
 
 
 class Subscriber(FlowSat):
-    """Counts what comes."""
+    """Counts what comes, a batch at a time."""
 
     def __init__(self, *arguments, **settings):
         FlowSat.__init__(self, *arguments, **settings)
         self.messages = self.bytes = 0
         self.begun = None
 
-    def count(self, message):
-        """One message."""
+    def count(self, _channel, payloads):
+        """Some messages."""
         if self.begun is None:
             self.begun = monotonic()
-        self.messages += 1
-        self.bytes += len(message.payload)
+        self.messages += len(payloads)
+        self.bytes += sum(map(len, payloads))
 
 
 def publish(hub, name, size):
     """The publisher's process."""
-    publisher = Publisher(hub, interval=0.001)
-    publisher.channel_name, publisher.payload = name, b"\x5a" * size
-    publisher.run()
+    Publisher(hub, None, name, size).run()
 
 
 def bench(options):
@@ -67,7 +68,7 @@ def bench(options):
 
 def measure(hub, case, size, seconds):
     """One case: what came in `seconds`, from the first message on."""
-    subscriber = Subscriber(hub, interval=0.05)
+    subscriber = Subscriber(hub, interval=0.05, reconnect=False)
     subscriber.connect()
     name = "bench-%s-%d" % (case, os.getpid())
     code = "from pysketch.bench import publish; publish(%r, %r, %d)" % (hub, name, size)
@@ -75,7 +76,7 @@ def measure(hub, case, size, seconds):
     environment = dict(os.environ, PYTHONPATH=folder + os.pathsep + os.environ.get("PYTHONPATH", ""))
     publisher = subprocess.Popen([sys.executable, "-c", code], env=environment)
     try:
-        subscriber.subscribe("%s.%s" % (subscriber.user, name), subscriber.count, depth=1024, policy="all")
+        subscriber.subscribe("%s.%s" % (subscriber.user, name), on_batch=subscriber.count, depth=1024, policy="all")
         patience = monotonic() + seconds + 10.0
         while subscriber.begun is None or monotonic() - subscriber.begun < seconds:
             subscriber.pulse_once()

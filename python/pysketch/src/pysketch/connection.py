@@ -6,23 +6,26 @@ from collections import deque
 from . import table
 from .clock import monotonic
 from .frames import FrameReader, ProtocolError, as_bytes, cut, encode, publish_head
-from .links import LinkError
+from .links import PARTS_MAX, LinkError
 from .login import LoginError, Password, Peer, Token, same
 
 RECEIVES_PER_TURN_MAX = 16
+# Parts up to this length are copied together: one long part leaves faster than many short ones.
+JOIN_BYTES_MAX = 4 * 1024
 
 
 class Refused(Exception):
-    """The hub refused a command; it changed nothing. `code` is the name of the reason, `text` the hub's words."""
+    """The hub refused a command; it changed nothing. `code` is the name of the reason, `text` the hub's words,
+    `about` what the command was about, where that is known."""
 
-    def __init__(self, code, text):
-        Exception.__init__(self, text)
-        self.code, self.text = code, text
+    def __init__(self, code, text, about=""):
+        Exception.__init__(self, "%s: %s" % (about, text) if about else text)
+        self.code, self.text, self.about = code, text, about
 
     @classmethod
-    def of(cls, fields):
+    def of(cls, fields, about=""):
         """From the fields of a `refused` event."""
-        return cls(table.REFUSALS.get(fields[0], str(fields[0])), fields[1])
+        return cls(table.REFUSALS.get(fields[0], str(fields[0])), fields[1], about)
 
 
 class Closed(LinkError):
@@ -34,15 +37,17 @@ class Closed(LinkError):
 
 
 class Connection(object):
-    """A connection on a link. `handler` gets `on_data(identifier, epoch, message, flags, payload)` and
-    `on_event(name, tag, flags, fields)` for all that is not about the connection itself."""
+    """A connection on a link. `handler` gets `on_run(channel key, payloads)` and
+    `on_event(name, tag, flags, fields)` for all that is not about the connection itself; both answer whether to
+    go on reading."""
 
     def __init__(self, link, credentials, handler):
         self.link, self.handler = link, handler
         self.state, self.user, self.number = "greeting", None, 0
-        self.fragment_bytes, self.message_bytes = table.FRAGMENT_BYTES_MAX, table.MESSAGE_BYTES_MAX
+        self.fragment_bytes, self.message_bytes = link.fragment_bytes, table.MESSAGE_BYTES_MAX
         self._credentials, self._nonce, self._hub_nonce = credentials, os.urandom(32), None
-        self._reader, self._out, self._out_bytes, self._tag = FrameReader(), deque(), 0, 0
+        self._reader, self._tag = FrameReader(), 0
+        self._out, self._short, self._out_bytes = deque(), bytearray(), 0
         self.opened = self.heard = self._pinged = monotonic()
         self.send("hello", table.MAGIC, table.VERSION, table.VERSION_OLDEST, self.fragment_bytes,
                   self.message_bytes, self._nonce)
@@ -70,15 +75,26 @@ class Connection(object):
             self._push(encode(command, tag, tuple(values) + (as_bytes(piece),), flags))
 
     def publish(self, channel, message, payload):
-        """Queues a message on a channel of one's own; the payload is not copied and must not change."""
+        """Queues a message on a channel of one's own. A long payload is not copied and must not change until it was
+        sent."""
         for flags, piece in cut(payload, self.fragment_bytes):
             self._push(publish_head(channel, message, flags, len(piece)))
             if len(piece):
                 self._push(piece)
 
     def _push(self, part):
-        self._out.append(part)
-        self._out_bytes += len(part)
+        length = len(part)
+        self._out_bytes += length
+        if length <= JOIN_BYTES_MAX:
+            self._short += part
+        else:
+            self._end_short()
+            self._out.append(part)
+
+    def _end_short(self):
+        if self._short:
+            self._out.append(self._short)
+            self._short = bytearray()
 
     @property
     def waiting(self):
@@ -87,9 +103,10 @@ class Connection(object):
 
     def flush(self):
         """Sends what the link takes now; answers whether all went."""
+        self._end_short()
         out = self._out
         while out:
-            parts = list(out) if len(out) <= 64 else [out[at] for at in range(64)]
+            parts = list(out) if len(out) <= PARTS_MAX else [out[at] for at in range(PARTS_MAX)]
             count = self.link.send(parts)
             if count is None:
                 return False
@@ -114,25 +131,30 @@ class Connection(object):
             if count is None:
                 return
             if count == 0:
-                raise Closed("", "the hub ended the connection")
+                raise Closed("", "the hub closed the connection")
             self.heard = monotonic()
             reader.received(count)
             self.take()
-            if count < len(room):
+            if count < len(room) or self.link.closed:
                 return
 
     def take(self):
         """Handles the whole frames that were received."""
-        self._reader.take(self.handler.on_data, self._on_event)
+        self._reader.take(self._on_run, self._on_event)
+
+    def _on_run(self, key, payloads):
+        if self.state != "flow":
+            raise ProtocolError("data in the state %s" % self.state)
+        return self.handler.on_run(key, payloads)
 
     def _on_event(self, name, tag, flags, fields):
         if self.state not in table.EVENTS[name][2] and not (self.state == "synchronous" and name in _EARLY):
             raise ProtocolError("%s in the state %s" % (name, self.state))
         own = _OWN.get(name)
         if own is not None:
-            return own(self, tag, fields) or True
-        more = self.handler.on_event(name, tag, flags, fields)
-        return True if more is None else more
+            own(self, tag, fields)
+            return True
+        return self.handler.on_event(name, tag, flags, fields)
 
     def _on_welcome(self, _tag, fields):
         magic, version, self.fragment_bytes, self.message_bytes, self._hub_nonce = fields
@@ -185,7 +207,7 @@ class Connection(object):
         """Pings a hub that is silent; raises `Closed` when it was silent too long."""
         silence = now - self.heard
         early = self.state in ("greeting", "login")
-        if silence >= table.SILENCE_MAX_S or early and now - self.opened >= table.LOGIN_TIME_MAX_S:
+        if silence >= table.SILENCE_MAX_S or early and now - self.opened >= self.link.login_s:
             raise Closed("Silent", "the hub is silent")
         if not early and silence >= table.PING_AFTER_S and now - self._pinged >= table.PING_AFTER_S:
             self._pinged = now

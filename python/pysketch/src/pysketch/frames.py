@@ -29,9 +29,15 @@ _FIXED = {
 _TEXT_MAX = {"string": 255, "path": 1024}
 
 DATA = table.EVENTS["data"][0]
-_DATA_HEAD = struct.Struct("<IhHI")
-DATA_HEAD_BYTES = HEADER_BYTES + _DATA_HEAD.size
-_DATA_FIELDS = struct.Struct("<hHI")
+# Kind, flags, length, tag, channel (here one number, its key), message.
+_DATA_FRAME = struct.Struct("<BBIIII")
+DATA_HEAD_BYTES = _DATA_FRAME.size
+_DATA_FIELDS_BYTES = DATA_HEAD_BYTES - HEADER_BYTES
+
+
+def key_of(reference):
+    """A channel's identifier and epoch as the one number that runs of data come with."""
+    return reference[0] & 0xffff | reference[1] << 16
 
 
 class ProtocolError(Exception):
@@ -95,7 +101,7 @@ _COMMAND_KINDS = dict((line[0], (name, line[1], line[3])) for name, line in tabl
 
 
 def decode(kind, flags, body, kinds=_KINDS):
-    """What an event says: (name, tag, fields). `body` is a memoryview of tag and fields."""
+    """What an event says: (name, tag, flags, fields). `body` is a memoryview of tag and fields."""
     try:
         name, fragment, fields = kinds[kind]
     except KeyError:
@@ -112,7 +118,7 @@ def decode(kind, flags, body, kinds=_KINDS):
         raise ProtocolError("%s ends inside a field" % name)
     if at != len(body):
         raise ProtocolError("%s has %d bytes after its last field" % (name, len(body) - at))
-    return name, tag, values
+    return name, tag, flags, values
 
 
 def decode_command(kind, flags, body):
@@ -161,7 +167,8 @@ class FrameReader(object):
 
     def room(self):
         """A writable view to receive into; never empty."""
-        if self._end == len(self._buffer):
+        left = len(self._buffer) - self._end
+        if not left or self._start and left < len(self._buffer) // 4:
             self._make_room()
         return self._view[self._end:]
 
@@ -193,35 +200,52 @@ class FrameReader(object):
         """How many bytes wait for the rest of their frame."""
         return self._end - self._start
 
-    def take(self, on_data, on_event):
-        """Hands out all whole frames: data as `on_data(identifier, epoch, message, flags, payload)` and every
-        other event as `on_event(name, tag, flags, fields)`. Both answer whether to go on."""
+    def take(self, on_run, on_event):
+        """Hands out all whole frames. Whole messages that stand one after the other on one channel come
+        together, as `on_run(channel key, list of payloads)`, everything else as
+        `on_event(name, tag, flags, fields)`. Both answer whether to go on. What was handed out is not handed out
+        again, whatever a handler raises."""
+        while True:
+            channel, payloads = self._run()
+            if payloads:
+                if not on_run(channel, payloads):
+                    return
+                continue
+            event = self._event()
+            if event is None or not on_event(*event):
+                return
+
+    def _run(self):
         buffer, view, start, end = self._buffer, self._view, self._start, self._end
-        unpack, unpack_data = HEADER.unpack_from, _DATA_FIELDS.unpack_from
-        try:
-            while end - start >= HEADER_BYTES:
-                kind, flags, length = unpack(buffer, start)
-                if length > BODY_BYTES_MAX:
-                    raise ProtocolError("a frame of %d bytes" % length)
-                body, after = start + HEADER_BYTES, start + HEADER_BYTES + length
-                if after > end:
-                    break
-                start = after
-                if kind == DATA:
-                    if length < 12:
-                        raise ProtocolError("data ends inside a field")
-                    identifier, epoch, message = unpack_data(buffer, body + 4)
-                    more = on_data(identifier, epoch, message, flags, view[body + 12:after].tobytes())
-                else:
-                    name, tag, fields = decode(kind, flags, view[body:after])
-                    more = on_event(name, tag, flags, fields)
-                if not more:
-                    break
-        finally:
-            # Whatever a handler did, what was handed out is not handed out again.
-            self._start = start
-            if start == self._end:
-                self._start = self._end = 0
+        unpack, channel, payloads = _DATA_FRAME.unpack_from, None, []
+        while end - start >= DATA_HEAD_BYTES:
+            kind, flags, length, _, of, _ = unpack(buffer, start)
+            after = start + HEADER_BYTES + length
+            if kind != DATA or flags != WHOLE or after > end or length < _DATA_FIELDS_BYTES or of != channel and payloads:
+                break
+            payloads.append(view[start + DATA_HEAD_BYTES:after].tobytes())
+            channel, start = of, after
+        self._advance(start)
+        return channel, payloads
+
+    def _event(self):
+        start = self._start
+        if self._end - start < HEADER_BYTES:
+            return None
+        kind, flags, length = HEADER.unpack_from(self._buffer, start)
+        if length > BODY_BYTES_MAX:
+            raise ProtocolError("a frame of %d bytes" % length)
+        body, after = start + HEADER_BYTES, start + HEADER_BYTES + length
+        if after > self._end:
+            return None
+        event = decode(kind, flags, self._view[body:after])
+        self._advance(after)
+        return event
+
+    def _advance(self, start):
+        self._start = start
+        if start == self._end:
+            self._start = self._end = 0
 
 
 class Gathering(object):

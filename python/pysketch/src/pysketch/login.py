@@ -14,6 +14,8 @@ from .variant import TEXT
 CLIENT_LABEL = b"SpecialK flow 1 client"
 HUB_LABEL = b"SpecialK flow 1 hub"
 ROUNDS_MIN, ROUNDS_MAX = 4096, 10000000
+# What a new password is stretched by.
+ROUNDS, SALT_BYTES = 15000, 16
 
 
 class LoginError(Exception):
@@ -107,7 +109,7 @@ class Password(object):
         return same(self._server_signature, signature)
 
 
-def verifier(password, salt, rounds=15000):
+def verifier(password, salt, rounds=ROUNDS):
     """What the hub keeps of a password: (stored key, server key), 32 bytes each."""
     raw = password.encode("utf-8") if isinstance(password, TEXT) else bytes(password)
     salted = hashlib.pbkdf2_hmac("sha256", raw, salt, rounds)

@@ -25,45 +25,45 @@ class Sketch(FlowSat):
 
         sketch.run()
 
-    Each takes the arguments of `FlowSat`'s method of the same name.
+    Each takes the arguments of `FlowSat`'s method of the same name. For each `on_` function of `FlowSat` there is a
+    decorator without `on_`: `@sketch.lost`, `@sketch.channel`, `@sketch.refused` and so on.
     """
 
     def __init__(self, *arguments, **settings):
         FlowSat.__init__(self, *arguments, **settings)
         self._functions = {}
 
+    def setup(self, function=None):
+        """Decorator: called once."""
+        return self._keep("setup", function) if function is not None else self._run("setup")
+
+    def loop(self, function=None):
+        """Decorator: called at each pulse."""
+        return self._keep("loop", function) if function is not None else self._run("loop")
+
     def _keep(self, name, function):
         self._functions[name] = function
         return function
 
-    def _run(self, name, *arguments):
+    def _run(self, name):
         function = self._functions.get(name)
         if function is not None:
-            function(*arguments)
-
-    def setup(self, function=None):
-        """Decorator: called once."""
-        return self._run("setup") if function is None else self._keep("setup", function)
-
-    def loop(self, function=None):
-        """Decorator: called at each pulse."""
-        return self._run("loop") if function is None else self._keep("loop", function)
-
-    def lost(self, function):
-        """Decorator: called with the reason when the hub is lost."""
-        return self._keep("lost", function)
-
-    def channel(self, function):
-        """Decorator: called with a channel and whether it exists, at each that comes or goes."""
-        return self._keep("channel", function)
+            function()
 
     def subscribe(self, name, on_message=None, **wishes):
         """Decorator, or with a function as `FlowSat.subscribe`."""
-        if on_message is not None:
+        if on_message is not None or "on_batch" in wishes:
             return FlowSat.subscribe(self, name, on_message, **wishes)
 
         def decorate(function):
             FlowSat.subscribe(self, name, function, **wishes)
+            return function
+        return decorate
+
+    def batch(self, name, **wishes):
+        """Decorator: hears a channel in batches, `function(channel, payloads)`."""
+        def decorate(function):
+            FlowSat.subscribe(self, name, on_batch=function, **wishes)
             return function
         return decorate
 
@@ -84,10 +84,16 @@ class Sketch(FlowSat):
             return function
         return decorate
 
-    def on_lost(self, why):
-        """For the satellite."""
-        self._run("lost", why)
 
-    def on_channel(self, channel, exists):
-        """For the satellite."""
-        self._run("channel", channel, exists)
+def _decorator(name):
+    def keep(self, function):
+        setattr(self, "on_" + name, function)
+        return function
+    keep.__name__, keep.__doc__ = name, "Decorator: takes the place of `FlowSat.on_%s`." % name
+    return keep
+
+
+for _name in ("message", "header", "start", "dropped", "lost", "refused", "tick_report", "channel"):
+    setattr(Sketch, _name, _decorator(_name))
+# `stop` is what ends a sketch.
+Sketch.unheard = _decorator("stop")

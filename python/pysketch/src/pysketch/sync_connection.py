@@ -1,29 +1,41 @@
 """A temporary synchronous connection: each call asks the hub and waits for the answer."""
 
-from .clock import SOCKET, Pulse, monotonic
+import os
+
+from .blob import PIECE_BYTES, FileInfo, changed, checked
+from .channels import ChannelInfo
+from .clock import monotonic
 from .connection import Closed, Connection, Refused
 from .frames import Gathering
 from .links import Address
-from .sat import ChannelInfo
-from .variant import BINARY, pack, unpack
+from .login import ROUNDS, SALT_BYTES, verifier
+from .pulse import look
+from .service import GRACE_S, form_of
+from .variant import BINARY, JSON, pack, unpack
 
 ANSWER_WITHIN_S = 5.0
+_LOOK_S = 0.25
 
 
-def connect(hub=None, credentials=None):
+def connect(hub=None, credentials=None, within=ANSWER_WITHIN_S, form="variant"):
     """Opens a connection for questions: `with connect() as hub: print(hub.channels())`. It touches no flow."""
-    return SyncConnection(hub, credentials)
+    return SyncConnection(hub, credentials, within, form)
 
 
 class SyncConnection(object):
     """See `connect`. Every method blocks, at most `within` seconds, and raises `Refused`, `Closed` or
-    `LinkError`."""
+    `LinkError`. With `form="json"` values travel as JSON instead of variants."""
 
-    def __init__(self, hub=None, credentials=None, within=ANSWER_WITHIN_S):
+    def __init__(self, hub=None, credentials=None, within=ANSWER_WITHIN_S, form="variant"):
         address = Address(hub)
-        self.within, self._answers, self._pieces, self._polled = within, [], Gathering(), set()
+        self.within, self._form = within, JSON if form == "json" else BINARY
+        self._answers, self._pieces, self._polled = [], Gathering(), set()
         self._connection = Connection(address.open(), address.credentials(credentials), self)
-        self._until(lambda: self._connection.state == "synchronous")
+        try:
+            self._until(lambda: self._connection.state == "synchronous")
+        except Exception:
+            self._connection.link.close()
+            raise
 
     def __enter__(self):
         return self
@@ -44,41 +56,115 @@ class SyncConnection(object):
 
     def channels(self):
         """All channels: a list of `ChannelInfo`."""
-        return [ChannelInfo(fields) for _, fields in self._list("list_channels", BINARY)]
+        return [ChannelInfo(fields) for _, fields in self._list("list_channels", self._form)]
+
+    def channel(self, name):
+        """The channel of this full name; raises `Refused` if there is none."""
+        for channel in self.channels():
+            if channel.name == name:
+                return channel
+        raise Refused("Gone", "there is no channel %s" % name, name)
 
     def inspect(self, subject="hub"):
-        """What the hub knows of itself."""
-        return unpack(*self._one("inspect", subject, BINARY)[0])
+        """What the hub knows of itself: `hub`, `flows`, `channel NAME`, `graph`, `why CHANNEL FLOW`."""
+        return unpack(*self._one("inspect", subject, self._form)[0])
 
     def call(self, name, value, within=None):
         """Asks the service of this full name and waits for its answer: a value."""
-        return unpack(BINARY, self.call_bytes(name, pack(value, BINARY), within))
+        for answer in self.call_all(name, value, within):
+            pass
+        return answer
+
+    def call_all(self, name, value, within=None):
+        """Asks a service that answers several times: its answers, one after the other, as they come."""
+        channel = self._service(name)
+        form = form_of(channel.properties)
+        for payload in self._call(channel, pack(value, form), within):
+            yield unpack(form, payload)
 
     def call_bytes(self, name, payload, within=None):
         """As `call`, bytes as they are."""
+        for answer in self._call(self._service(name), payload, within):
+            pass
+        return answer
+
+    def _service(self, name):
+        for channel in self.channels():
+            if channel.name == name and channel.kind == "service":
+                return channel
+        raise Refused("NoSuchService", "there is no service %s" % name, name)
+
+    def _call(self, channel, payload, within):
         within = self.within if within is None else within
-        found = [channel for channel in self.channels() if channel.name == name and channel.kind == "service"]
-        if not found:
-            raise Refused("NoSuchService", "there is no service %s" % name)
         tag = self._connection.next_tag()
-        self._connection.send_message("call", tag, (found[0].reference, int(within * 1000)), payload)
-        return self._answer(tag, within + 2.0)[1][0]
+        self._connection.send_message("call", tag, (channel.reference, int(within * 1000)), payload)
+        more = True
+        while more:
+            more, answer = self._answer(tag, within + GRACE_S)[1]
+            yield answer
 
     def poll(self, name):
         """The newest message of a stream, as bytes; None while there is none."""
-        channel = [channel for channel in self.channels() if channel.name == name]
-        if not channel:
-            raise Refused("Gone", "there is no channel %s" % name)
-        reference = channel[0].reference
+        reference = self.channel(name).reference
         if reference not in self._polled:
             self._one("poll_register", reference)
             self._polled.add(reference)
         try:
-            return self._one("poll", reference)[0]
+            return self._one("poll", reference)[-1]
         except Refused as refusal:
             if refusal.code == "NothingYet":
                 return None
             raise
+
+    def poll_stop(self, name):
+        """The hub need not keep messages of this stream any more."""
+        reference = self.channel(name).reference
+        self._polled.discard(reference)
+        self._one("poll_deregister", reference)
+
+    # ---- files ----
+
+    def list_files(self, channel, path=""):
+        """The entries of a directory of the blob channel of this full name: a list of `FileInfo`."""
+        return [FileInfo(*fields) for _, fields in self._list("blob_list", self.channel(channel).reference, path)]
+
+    def stat_file(self, channel, path):
+        """One entry: a `FileInfo`."""
+        return self._stat(self.channel(channel).reference, path)
+
+    def _stat(self, reference, path):
+        directory, size, checksum = self._one("blob_stat", reference, path)
+        return FileInfo(path, directory, size, checksum)
+
+    def read_file(self, channel, path):
+        """A whole file: bytes, checked against the hub's checksum."""
+        reference, pieces, at = self.channel(channel).reference, [], 0
+        info = self._stat(reference, path)
+        while at < info.bytes:
+            pieces.append(self._one("blob_read", reference, path, at, PIECE_BYTES)[-1])
+            at += len(pieces[-1])
+            if not pieces[-1]:
+                raise changed(path)
+        data, error = checked(path, b"".join(pieces), info)
+        if error is not None:
+            raise error
+        return data
+
+    # ---- accounts ----
+
+    def users(self):
+        """The accounts, as pairs (name, number of connections). For administrators."""
+        return [tuple(fields) for _, fields in self._list("user_list")]
+
+    def set_user(self, user, password):
+        """Adds an account, or changes its password, which itself never leaves this program."""
+        salt = os.urandom(SALT_BYTES)
+        stored_key, server_key = verifier(password, salt, ROUNDS)
+        self._one("user_set", user, ROUNDS, salt, stored_key, server_key)
+
+    def remove_user(self, user):
+        """Removes an account with its rights; its connections end."""
+        self._one("user_remove", user)
 
     # ---- databases ----
 
@@ -106,11 +192,11 @@ class SyncConnection(object):
 
     def get(self, key):
         """A variable of the current database."""
-        return unpack(*self._one("var_get", key, BINARY)[0])
+        return unpack(*self._one("var_get", key, self._form)[0])
 
     def set(self, key, value):
         """Sets a variable; of a durable database, when this returns it is on the disk."""
-        self._one("var_set", key, (BINARY, pack(value, BINARY)))
+        self._one("var_set", key, (self._form, pack(value, self._form)))
 
     def has(self, key):
         """Whether there is such a variable."""
@@ -126,7 +212,7 @@ class SyncConnection(object):
 
     def all(self, prefix=""):
         """The variables whose keys begin so: a dict."""
-        return dict((key, unpack(*value)) for _, (key, value) in self._list("db_all", prefix, BINARY))
+        return dict((key, unpack(*value)) for _, (key, value) in self._list("db_all", prefix, self._form))
 
     def save(self):
         """Writes the current database to the disk; when this returns it is there."""
@@ -160,7 +246,6 @@ class SyncConnection(object):
 
     def _until(self, reached, within=None):
         connection, deadline = self._connection, monotonic() + (within or self.within)
-        pulse = Pulse(SOCKET, 0.25)
         connection.flush()
         while not reached():
             now = monotonic()
@@ -168,13 +253,12 @@ class SyncConnection(object):
                 self.close()
                 raise Closed("NoAnswer", "the hub did not answer in time")
             connection.check(now)
-            pulse.interval = min(0.25, deadline - now)
-            _, readable, writable = pulse.wait(connection.link, connection.waiting > 0)
+            readable, _ = look(connection.link, connection.waiting > 0, min(_LOOK_S, deadline - now))
             if readable:
                 connection.receive()
             connection.flush()
 
-    def on_data(self, *_):
+    def on_run(self, *_):
         """For the connection: data does not come here."""
         return True
 
@@ -184,7 +268,7 @@ class SyncConnection(object):
             piece = self._pieces.take(tag, tag, flags, fields[-1])
             if piece is None:
                 return True
-            fields = [piece]
+            fields = fields[:-1] + [piece]
         if name != "logged_in" and (tag or name == "refused"):
             self._answers.append((name, tag, fields))
         return True
