@@ -205,6 +205,80 @@ fn the_fuzz_dictionary_has_the_header_of_every_kind() {
     compare_or_rewrite(&path, &fs::read_to_string(&path).unwrap_or_default(), &made);
 }
 
+/// What Python satellites know of the protocol is made from the same table.
+#[test]
+fn the_python_table_is_the_same_table() {
+    let path = docs("../python/pysketch/src/pysketch/table.py");
+    let mut made = String::from(
+        "# Made from the hub's command table by its tests; do not edit by hand.\n\
+         \"\"\"What the flow protocol's commands, events and codes are: names, numbers and layouts.\"\"\"\n",
+    );
+    for (title, table) in [("COMMANDS", Command::TABLE), ("EVENTS", Event::TABLE)] {
+        let _ = write!(
+            made,
+            "\n# name: (kind, comes in fragments, states, fields after the tag as (name, type))\n{title} = {{\n"
+        );
+        for line in table {
+            python_line(&mut made, line);
+        }
+        made.push_str("}\n");
+    }
+    python_numbers(
+        &mut made,
+        "REFUSALS",
+        RefusalCode::ALL.iter().map(|(code, name, _)| (code.code(), *name)),
+    );
+    python_numbers(
+        &mut made,
+        "CLOSINGS",
+        ClosingReason::ALL.iter().map(|(code, name, _)| (code.code(), *name)),
+    );
+    python_numbers(&mut made, "DROPS", DropReason::ALL.iter().map(|(code, name, _)| (*code as u16, *name)));
+    python_numbers(&mut made, "KINDS", ChannelKind::ALL.iter().map(|(kind, name, _)| (*kind as u16, *name)));
+    python_numbers(
+        &mut made,
+        "POLICIES",
+        Policy::ALL.iter().map(|(policy, name, _)| (*policy as u16, *name)),
+    );
+    let _ = write!(
+        made,
+        "\nMAGIC = b\"{}\"\nVERSION = {VERSION}\nVERSION_OLDEST = {VERSION_OLDEST}\n\
+         FRAGMENT_BYTES_MAX = {FRAGMENT_BYTES_MAX}\nMESSAGE_BYTES_MAX = {MESSAGE_BYTES_MAX}\n\
+         CONNECTION_BYTES_MAX = {CONNECTION_BYTES_MAX}\nDEPTH_MAX = {SUBSCRIPTION_DEPTH_MAX}\n\
+         PING_AFTER_S = {}\nSILENCE_MAX_S = {}\nLOGIN_TIME_MAX_S = {}\n",
+        String::from_utf8_lossy(&MAGIC),
+        PING_AFTER.as_secs_f64(),
+        SILENCE_MAX.as_secs_f64(),
+        LOGIN_TIME_MAX.as_secs_f64(),
+    );
+    compare_or_rewrite(&path, &fs::read_to_string(&path).unwrap_or_default(), &made);
+}
+
+fn python_line(out: &mut String, line: &Definition) {
+    let (name, id, fragment) = (line.name, line.id, if line.fragment { "True" } else { "False" });
+    let states: String = line.states.iter().map(|state| format!("\"{state}\", ")).collect();
+    let fields: Vec<String> = line
+        .fields
+        .iter()
+        .map(|field| format!("(\"{}\", \"{}\")", field.name, field.wire))
+        .collect();
+    let _ = write!(out, "    \"{name}\": ({id:#04x}, {fragment}, ({}), (", states.trim_end());
+    match fields.len() {
+        0 => out.push_str(")),\n"),
+        _ => {
+            let _ = write!(out, "\n        {},\n    )),\n", fields.join(",\n        "));
+        }
+    }
+}
+
+fn python_numbers(out: &mut String, title: &str, rows: impl Iterator<Item = (u16, &'static str)>) {
+    let _ = write!(out, "\n{title} = {{\n");
+    for (number, name) in rows {
+        let _ = writeln!(out, "    {number}: \"{name}\",");
+    }
+    out.push_str("}\n");
+}
+
 #[test]
 fn every_kind_has_a_vector_that_reads_back() {
     let mut seen = BTreeSet::new();
