@@ -51,7 +51,7 @@ pub use message::{Flow, FlowMessage};
 pub use satellite::{Divisor, TickReport};
 pub use service::{Request, Service};
 pub use sk_flow_sat::{FlowDatabase, SkFlowSat, Variable};
-pub use sk_flow_server::SkFlowServer;
+pub use sk_flow_server::{KeepError, SkFlowServer};
 pub use state::State;
 pub use table::{Command, Event};
 pub use transport::{AddressError, FLOW_PATH, HubAddress, PipeSeed};

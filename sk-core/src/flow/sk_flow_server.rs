@@ -17,6 +17,7 @@ use crate::signal::Signal;
 use crate::testing::{Bug, is_planted};
 use crate::world::{Endpoint, Readiness, Stream, Token};
 use crate::{Cx, attach};
+pub use keeper::KeepError;
 use keeper::Keeper;
 use rustc_hash::FxHashMap;
 use sk_flat::{Instant, Name};

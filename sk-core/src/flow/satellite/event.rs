@@ -2,7 +2,7 @@
 
 use super::super::delivery::DropReason;
 use super::super::{ChannelKind, ChannelRef, Properties, Value};
-use super::DatabaseInfo;
+use super::{AccountInfo, DatabaseInfo};
 use bytes::Bytes;
 use std::time::Duration;
 use thiserror::Error;
@@ -84,6 +84,13 @@ pub enum SatelliteEvent {
         tag: u32,
         /// Its name.
         database: Option<String>,
+    },
+    /// The answer to `user_list`.
+    Accounts {
+        /// Of the command.
+        tag: u32,
+        /// The accounts, by name.
+        accounts: Vec<AccountInfo>,
     },
     /// The answer to `db_list`.
     Databases {

@@ -5,6 +5,7 @@
 //! references here: a subscription by name waits until the channel exists, and comes into force again when
 //! a channel of that name is opened anew.
 
+mod accounts;
 mod channels;
 mod databases;
 mod event;
@@ -15,6 +16,7 @@ mod sync;
 #[cfg(test)]
 mod tests;
 
+pub use accounts::{AccountInfo, PasswordLogin};
 pub use databases::DatabaseInfo;
 pub use event::{ChannelInfo, SatelliteError, SatelliteEvent, TickReport};
 pub use sync::Divisor;
@@ -27,6 +29,7 @@ use super::limits::{
     LOGIN_TIME_MAX, PING_AFTER, SILENCE_MAX, SUBSCRIPTION_DEPTH_MAX, VERSION, VERSION_OLDEST,
 };
 use super::login::{Nonce, OwnerToken};
+use super::scram::{ClientExchange, Derivation};
 use super::server::Session;
 use super::wire::Slices;
 use super::{ChannelRef, Command, Event, Form, Inbound, Policy, Properties, State};
@@ -42,6 +45,8 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 pub enum Credentials {
     /// By the owner's token; the hub must prove that it knows it too.
     Token(OwnerToken),
+    /// By an account's name and password; the hub must prove that it knows the account.
+    Password(PasswordLogin),
     /// By the user id of this process, over a Unix socket or from inside the hub.
     Peer,
 }
@@ -102,6 +107,9 @@ pub struct SatelliteCore {
     /// Answers to polls, by tag.
     polled: Gathering<u32>,
     listed: Vec<ChannelInfo>,
+    /// A login by password that is under way, and what is to be derived for it.
+    scram: Option<ClientExchange>,
+    derivation: Option<Derivation>,
     /// Lists of other things under way, by the tags of their commands.
     lists: BTreeMap<u32, databases::List>,
     /// The full name of the flow, once it is one.
@@ -172,6 +180,8 @@ impl SatelliteCore {
             calls: BTreeSet::new(),
             requests: BTreeSet::new(),
             listed: Vec::new(),
+            scram: None,
+            derivation: None,
             lists: BTreeMap::new(),
             flow_full_name: None,
             events: VecDeque::new(),

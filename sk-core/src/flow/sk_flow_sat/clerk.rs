@@ -2,6 +2,7 @@
 //! database is preceded by a `db_select`; if that is refused, none is current and the command is refused too.
 //! Watches and creations are repeated after a reconnection.
 
+use super::accounts::as_variant;
 use super::database::{FlowDatabase, Variable};
 use crate::Cx;
 use crate::flow::satellite::{SatelliteCore, SatelliteEvent};
@@ -39,6 +40,8 @@ enum Sent {
     Save,
     Load,
     Watch(String),
+    /// A command about accounts.
+    Account(Answer),
 }
 
 /// What is to be told to the user, when the satellite is not leased.
@@ -95,6 +98,15 @@ impl Clerk {
     pub(super) fn add(&mut self, name: &Rc<str>, object: Handle<FlowDatabase>) {
         self.entries
             .insert(name.clone(), Entry { object, create: None, watches: BTreeMap::new() });
+    }
+
+    /// A command about accounts was sent.
+    pub(super) fn expect_answer(&mut self, tag: u32, answer: Answer) {
+        self.sent.insert(tag, (OWN.into(), Sent::Account(answer)));
+    }
+
+    pub(super) fn answer_later(&mut self, answer: Answer, outcome: Result<Option<SkVariant>, String>) {
+        self.told.push_back(Told::Answered(answer, outcome));
     }
 
     /// The next thing to tell.
@@ -239,7 +251,9 @@ impl Clerk {
     fn fail(&mut self, name: &Rc<str>, sent: Sent, why: &str) {
         match sent {
             Sent::Quiet | Sent::Select | Sent::Watch(_) => {}
-            Sent::Get(answer) => self.told.push_back(Told::Answered(answer, Err(why.to_owned()))),
+            Sent::Get(answer) | Sent::Account(answer) => {
+                self.answer_later(answer, Err(why.to_owned()));
+            }
             Sent::Change(_) | Sent::Save | Sent::Load => {
                 if let Some(object) = self.object(name) {
                     self.told.push_back(Told::Refused(object, why.to_owned()));
@@ -285,6 +299,11 @@ impl Clerk {
             SatelliteEvent::Value { tag, value } => {
                 return self.answered(*tag, || Ok(Some(value.variant())));
             }
+            SatelliteEvent::Accounts { tag, accounts } => {
+                if let Some((_, Sent::Account(answer))) = self.sent.remove(tag) {
+                    self.answer_later(answer, Ok(Some(as_variant(accounts))));
+                }
+            }
             SatelliteEvent::Refused { tag, code, text } => return self.refused(*tag, *code, text),
             SatelliteEvent::Changed { tag, sequence, key, value } => {
                 self.changed(*tag, *sequence, key, value.as_ref());
@@ -318,6 +337,10 @@ impl Clerk {
         let what = match sent {
             Sent::Change(key) => key,
             Sent::Save | Sent::Load => String::new(),
+            Sent::Account(answer) => {
+                self.answer_later(answer, Ok(None));
+                return true;
+            }
             Sent::Quiet | Sent::Select | Sent::Get(_) | Sent::Watch(_) => return true,
         };
         if let Some(object) = self.object(&name) {

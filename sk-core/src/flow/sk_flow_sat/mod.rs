@@ -1,6 +1,7 @@
 //! A satellite as an object: its link to a hub around a [`SatelliteCore`], and the way back when it breaks.
 
 mod channels;
+mod accounts;
 mod clerk;
 mod commands;
 mod database;
@@ -90,6 +91,8 @@ pub struct SkFlowSat {
     call_timer: Handle<Timer>,
     /// Its dealings with databases.
     clerk: clerk::Clerk,
+    /// Passwords of accounts from which a worker derives what the hub keeps.
+    deriving: accounts::Deriving,
     reconnect: Handle<Timer>,
     reconnect_after: Duration,
     losses: u64,
@@ -275,6 +278,7 @@ impl SkFlowSat {
                 link_number: 0,
                 call_timer,
                 clerk: clerk::Clerk::default(),
+                deriving: accounts::Deriving::default(),
                 reconnect,
                 reconnect_after: RECONNECT_FIRST,
                 losses: 0,
@@ -457,6 +461,7 @@ impl SkFlowSat {
         if wrote == Turn::More {
             self.flush_later(cx);
         }
+        self.derive_if_challenged(cx);
         turn
     }
 
