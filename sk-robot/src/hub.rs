@@ -5,7 +5,7 @@ use crate::owner::{self, TokenFileError};
 use crate::places::{Places, PlacesError};
 use sk_core::flow::database::disk::{Store, StoreError};
 use sk_core::flow::server::Settings;
-use sk_core::flow::{HubAddress, Rights, SkFlowSat, SkFlowServer};
+use sk_core::flow::{HubAddress, KeepError, Rights, SkFlowSat, SkFlowServer};
 use sk_core::module::{AbstractModule, ModuleClass, ModuleError, ModuleSupervisor, Modules, ThreadedModule};
 use sk_core::object::NameError;
 use sk_core::prelude::*;
@@ -65,6 +65,9 @@ pub enum HubError {
     /// Its databases cannot be opened.
     #[error(transparent)]
     Databases(#[from] StoreError),
+    /// Its accounts cannot be read, so nobody could say who would be let in.
+    #[error(transparent)]
+    Accounts(#[from] KeepError),
     /// It cannot listen.
     #[error("{address} is in use: another hub runs there; give this one another {option}")]
     Taken {
@@ -334,9 +337,8 @@ fn keep_databases(cx: &mut Cx, server: Handle<SkFlowServer>, places: &Places) ->
     if let Some(damage) = &opened.damage {
         tracing::error!("{damage}");
     }
-    server
-        .keep_databases(cx, opened.store, opened.saved)
-        .map_err(|error| HubError::Link(io::Error::other(error)))
+    server.keep_databases(cx, opened.store, opened.saved)?;
+    Ok(())
 }
 
 impl Hub {

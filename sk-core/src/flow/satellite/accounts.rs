@@ -71,7 +71,9 @@ impl SatelliteCore {
         let (Credentials::Password(login), Some(exchange)) = (&self.credentials, &mut self.scram) else {
             return Err(ProtocolError::FalseHub);
         };
-        let derivation = exchange.challenged(message, login.password.clone()).map_err(ProtocolError::Scram)?;
+        let derivation = exchange
+            .challenged(message, login.password.clone())
+            .map_err(ProtocolError::Scram)?;
         match login.keys.clone().filter(|keys| derivation.is_done_by(keys)) {
             Some(keys) => self.derived(&keys),
             None => {

@@ -141,9 +141,9 @@ impl Handle<SkFlowSat> {
 
 /// A list on its way through the clerk, whose answers are variants: name, connections, name, connections.
 pub(super) fn as_variant(accounts: &[AccountInfo]) -> SkVariant {
-    let items = accounts.iter().flat_map(|account| {
-        [SkVariant::from(account.name.as_str()), SkVariant::from(account.connections)]
-    });
+    let items = accounts
+        .iter()
+        .flat_map(|account| [SkVariant::from(account.name.as_str()), SkVariant::from(account.connections)]);
     SkVariant::from(items.collect::<Vec<_>>())
 }
 

@@ -1,7 +1,7 @@
 //! A satellite as an object: its link to a hub around a [`SatelliteCore`], and the way back when it breaks.
 
-mod channels;
 mod accounts;
+mod channels;
 mod clerk;
 mod commands;
 mod database;

@@ -1,7 +1,8 @@
 //! What can be typed.
 
 use clap::{Args, Parser, Subcommand};
-use sk_core::flow::HubAddress;
+use sk_core::flow::rights::Pattern;
+use sk_core::flow::{HubAddress, Right};
 use std::path::PathBuf;
 
 /// Look into a running hub.
@@ -14,6 +15,12 @@ pub struct Arguments {
     /// Where the hub is reached: tcp:HOST:PORT or unix:PATH [default: the hub of the state folder]
     #[arg(long, global = true, env = "SKROBOT_HUB", value_name = "ADDRESS")]
     pub hub: Option<HubAddress>,
+    /// The account to log in to, by password [default: the owner's]
+    #[arg(long, global = true, env = "SKROBOT_USER", value_name = "NAME")]
+    pub user: Option<String>,
+    /// The file with the account's password, which nobody else may read [default: it is asked for]
+    #[arg(long, global = true, requires = "user", value_name = "FILE")]
+    pub password_file: Option<PathBuf>,
     /// What is logged to standard error: a level, or levels for parts
     #[arg(long, global = true, env = "SKROBOT_LOG", default_value = "warn", value_name = "FILTER")]
     pub log: String,
@@ -27,9 +34,63 @@ pub enum Task {
     Ls(Ls),
     /// Print what flows on a channel
     Echo(Echo),
+    /// Accounts and their rights
+    #[command(subcommand)]
+    User(User),
     /// Modules: make one of your own
     #[command(subcommand)]
     Module(Module),
+}
+
+#[derive(Subcommand, Clone, Debug)]
+pub enum User {
+    /// Add an account; its password is asked for, or is a line of standard input
+    Add {
+        /// Its name: lower-case letters, digits, `_` and `-`
+        name: String,
+    },
+    /// Change the password of an account: asked for, or a line of standard input
+    Passwd {
+        /// Its name
+        name: String,
+    },
+    /// Give an account a right for some names
+    Grant(Granted),
+    /// Take a right for some names away again
+    Revoke(Granted),
+    /// Show the rights of an account
+    Rights {
+        /// Its name
+        name: String,
+    },
+    /// List the accounts
+    List {
+        /// One JSON object a line
+        #[arg(long)]
+        json: bool,
+    },
+    /// Remove an account with its rights; its connections end
+    Remove {
+        /// Its name
+        name: String,
+    },
+}
+
+#[derive(Args, Clone, Debug)]
+pub struct Granted {
+    /// The account
+    pub name: String,
+    /// list, publish, subscribe, serve, call, blob_read, blob_write, database_read, database_write or administer
+    #[arg(value_parser = right)]
+    pub right: Right,
+    /// Names of channels or databases; one with `*` at its end is all names that begin so. To revoke without any is
+    /// to take all
+    pub patterns: Vec<Pattern>,
+}
+
+fn right(text: &str) -> Result<Right, String> {
+    let names: Vec<&str> = Right::ALL.into_iter().map(Right::name).collect();
+    Right::by_name(text).ok_or_else(|| format!("there are {}", names.join(", ")))
 }
 
 #[derive(Subcommand, Debug)]

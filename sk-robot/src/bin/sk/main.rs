@@ -6,7 +6,9 @@ mod echo;
 mod ls;
 mod module_new;
 mod output;
+mod password;
 mod session;
+mod user;
 
 use arguments::{Arguments, Module, Task};
 use clap::Parser;
@@ -21,6 +23,7 @@ fn main() -> ExitCode {
     let outcome = match &arguments.task {
         Task::Ls(task) => ls::run(&arguments, task),
         Task::Echo(task) => echo::run(&arguments, task),
+        Task::User(task) => user::run(&arguments, task),
         Task::Module(Module::New(task)) => module_new::run(task),
     };
     match outcome {

@@ -1,7 +1,8 @@
 //! One visit to a hub: connect, and end with a sentence if there is none.
 
 use crate::arguments::Arguments;
-use sk_core::flow::satellite::Credentials;
+use crate::password;
+use sk_core::flow::satellite::{Credentials, PasswordLogin};
 use sk_core::flow::{HubAddress, SkFlowSat};
 use sk_core::prelude::*;
 use sk_core::world::World;
@@ -64,6 +65,40 @@ impl Session {
     }
 }
 
+fn places(arguments: &Arguments) -> Result<Places, String> {
+    Places::find(arguments.state_dir.as_deref()).map_err(|error| error.to_string())
+}
+
+fn address(arguments: &Arguments, places: &Places) -> HubAddress {
+    arguments.hub.clone().unwrap_or_else(|| places.address())
+}
+
+/// How this program logs in: to the account that was named, or as the owner. A password may have to be typed.
+pub fn credentials(arguments: &Arguments) -> Result<Credentials, String> {
+    let world = World::real().map_err(|error| error.to_string())?;
+    let places = places(arguments)?;
+    if let Some(user) = &arguments.user {
+        let name = user
+            .parse()
+            .map_err(|error: sk_flat::NameError| format!("--user {user}: {error}"))?;
+        let password = match &arguments.password_file {
+            Some(path) => password::from_file(&world, path)?,
+            None => password::known(user)?,
+        };
+        return Ok(Credentials::Password(PasswordLogin::new(name, password)));
+    }
+    if matches!(address(arguments, &places), HubAddress::Unix(_)) {
+        return Ok(Credentials::Peer);
+    }
+    match owner::read(&world, &places).map_err(|error| error.to_string())? {
+        Some(token) => Ok(Credentials::Token(token)),
+        None => Err(format!(
+            "a hub that is not reached over a Unix socket asks for the owner's token, and there is none at {}: name the hub's state folder with --state-dir, copy the token there, or log in to an account with --user",
+            places.token().display()
+        )),
+    }
+}
+
 /// A program on its way to a hub.
 pub struct Visit {
     /// The program.
@@ -77,22 +112,13 @@ pub struct Visit {
 impl Visit {
     /// Begins to connect.
     pub fn begin(arguments: &Arguments) -> Result<Visit, String> {
-        let places = Places::find(arguments.state_dir.as_deref()).map_err(|error| error.to_string())?;
+        Visit::begin_as(arguments, credentials(arguments)?)
+    }
+
+    /// The same with what [`credentials`] answered earlier: the hub waits for a login only so long.
+    pub fn begin_as(arguments: &Arguments, credentials: Credentials) -> Result<Visit, String> {
         let world = World::real().map_err(|error| error.to_string())?;
-        let address = arguments.hub.clone().unwrap_or_else(|| places.address());
-        let credentials = match &address {
-            HubAddress::Unix(_) => Credentials::Peer,
-            _ => match owner::read(&world, &places).map_err(|error| error.to_string())? {
-                Some(token) => Credentials::Token(token),
-                None => {
-                    let path = places.token();
-                    return Err(format!(
-                        "a hub that is not reached over a Unix socket asks for the owner's token, and there is none at {}: name the hub's state folder with --state-dir, or copy the token there",
-                        path.display()
-                    ));
-                }
-            },
-        };
+        let address = address(arguments, &places(arguments)?);
         let app = SkApp::builder()
             .name("sk")
             .mode(TimingMode::SelectIo)

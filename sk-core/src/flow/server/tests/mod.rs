@@ -1,5 +1,7 @@
 //! The rules of the hub, with its two sides talking through memory.
 
+#[cfg(feature = "store")]
+mod accounts;
 mod channels;
 mod databases;
 mod deadlines;
@@ -10,6 +12,12 @@ mod policies;
 mod polling;
 mod reliable;
 mod replicas;
+#[cfg(feature = "store")]
+mod rights;
+#[cfg(feature = "store")]
+mod rights_matrix;
+#[cfg(feature = "store")]
+mod rights_model;
 mod service_limits;
 mod services;
 mod sessions;
