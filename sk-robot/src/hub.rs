@@ -29,6 +29,7 @@ pub struct Hub {
     pub(crate) config: Config,
     ender: Handle<Ender>,
     addresses: Vec<HubAddress>,
+    fingerprint: Option<String>,
     places: Places,
     failures: Vec<(String, String)>,
 }
@@ -95,7 +96,9 @@ pub enum HubError {
         why: String,
     },
     /// An address with TLS, and nothing to show there.
-    #[error("{0} needs a certificate: say --tls CERTIFICATE KEY (`listen.tls_certificate`, `listen.tls_key`)")]
+    #[error(
+        "{0} needs a certificate: say --tls CERTIFICATE KEY (`listen.tls_certificate`, `listen.tls_key`)"
+    )]
     NoCertificate(HubAddress),
     /// The account's name cannot be.
     #[error("the account {0:?} cannot be: {1}")]
@@ -242,8 +245,8 @@ impl HubBuilder {
         // Programs of the user whose files these are may come in without a token.
         let owner_uid = cx.world().storage.owner_and_mode(places.state()).ok().map(|(owner, _)| owner);
         let server = SkFlowServer::start(cx, Settings { user: account, token: Some(token), owner_uid });
-        let addresses = match listening::listen(cx, server, &config, &places) {
-            Ok(addresses) => addresses,
+        let (addresses, fingerprint) = match listening::listen(cx, server, &config, &places) {
+            Ok(listening) => listening,
             Err(error) => {
                 cx.destroy_later(server);
                 return Err(error);
@@ -272,7 +275,7 @@ impl HubBuilder {
             .into_iter()
             .map(|(at, why)| (cx.name_of(at).unwrap_or("?").to_owned(), why))
             .collect();
-        Ok(Hub { server, modules, config, ender, addresses, places, failures })
+        Ok(Hub { server, modules, config, ender, addresses, fingerprint, places, failures })
     }
 }
 
@@ -360,6 +363,11 @@ impl Hub {
     /// Where it listens.
     pub fn addresses(&self) -> &[HubAddress] {
         &self.addresses
+    }
+
+    /// The SHA-256 of the certificate that is shown at `tls:` and `wss:` addresses, for satellites that pin it.
+    pub fn fingerprint(&self) -> Option<&str> {
+        self.fingerprint.as_deref()
     }
 
     /// Its files.

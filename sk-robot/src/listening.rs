@@ -11,13 +11,16 @@ use std::path::Path;
 /// The longest certificate or key that is read.
 const PEM_BYTES_MAX: u64 = 1024 * 1024;
 
+/// Where a hub listens, and the fingerprint of the certificate that it shows there.
+type Listening = (Vec<HubAddress>, Option<String>);
+
 /// Listens everywhere it is told to; answers where that is in fact.
 pub(crate) fn listen(
     cx: &mut Cx,
     server: Handle<SkFlowServer>,
     config: &Config,
     places: &Places,
-) -> Result<Vec<HubAddress>, HubError> {
+) -> Result<Listening, HubError> {
     let unix = config.listen.unix.then(|| (places.address(), "--state-dir (`state_dir`)"));
     let tcp = config
         .listen
@@ -40,7 +43,7 @@ pub(crate) fn listen(
         };
         addresses.push(local.map_err(|error| refused(error, address, option))?);
     }
-    Ok(addresses)
+    Ok((addresses, identity.map(|identity| identity.fingerprint())))
 }
 
 fn refused(error: io::Error, address: HubAddress, option: &'static str) -> HubError {
@@ -56,7 +59,9 @@ fn identity(cx: &mut Cx, config: &Config) -> Result<Option<TlsIdentity>, HubErro
         (None, None) => return Ok(None),
         (Some(certificate), Some(key)) => (certificate, key),
         (Some(path), None) => return Err(wrong("tls_key", path, "this certificate has no key beside it")),
-        (None, Some(path)) => return Err(wrong("tls_certificate", path, "this key has no certificate beside it")),
+        (None, Some(path)) => {
+            return Err(wrong("tls_certificate", path, "this key has no certificate beside it"));
+        }
     };
     let mut read = |name: &'static str, path: &str| {
         let bytes = cx.world().storage.read(Path::new(path), PEM_BYTES_MAX);

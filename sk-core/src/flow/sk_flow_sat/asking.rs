@@ -92,7 +92,8 @@ impl Questions {
     /// The hub is lost, and with it every answer.
     pub(super) fn lose(&mut self) {
         for asked in std::mem::take(&mut self.open).into_values() {
-            self.told.push_back(asked.fails("the hub was lost before it answered".to_owned()));
+            self.told
+                .push_back(asked.fails("the hub was lost before it answered".to_owned()));
         }
     }
 }

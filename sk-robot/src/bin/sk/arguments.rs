@@ -1,6 +1,5 @@
 //! What can be typed.
 
-use clap::{Args, Parser, Subcommand};
 use crate::call::Call;
 use crate::database::Database;
 use crate::echo::Echo;
@@ -11,6 +10,7 @@ use crate::ls::Ls;
 use crate::module::Module;
 use crate::publish::Publish;
 use crate::why::Why;
+use clap::{Args, Parser, Subcommand};
 use sk_core::flow::HubAddress;
 use sk_flat::SkVariant;
 use std::path::PathBuf;
@@ -36,7 +36,13 @@ pub struct Arguments {
     #[arg(long, global = true)]
     pub json: bool,
     /// What is logged to standard error: a level, or levels for parts
-    #[arg(long, global = true, env = "SKROBOT_LOG", default_value = "warn", value_name = "FILTER")]
+    #[arg(
+        long,
+        global = true,
+        env = "SKROBOT_LOG",
+        default_value = "warn,sk_core::eventloop=error",
+        value_name = "FILTER"
+    )]
     pub log: String,
     #[command(subcommand)]
     pub task: Task,

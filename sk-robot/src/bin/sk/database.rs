@@ -106,7 +106,10 @@ pub fn run(arguments: &Arguments, task: &Database) -> Result<(), String> {
             task => link.hub.database(cx, task.name()),
         };
         match database {
-            Ok(database) => Work { link, name: task.name().to_owned(), as_json }.begin(cx, database, task),
+            Ok(database) => {
+                let creates = matches!(task, Database::Create { .. });
+                Work { link, name: task.name().to_owned(), creates, as_json }.begin(cx, database, task);
+            }
             Err(error) => link.fail(cx, format!("{:?}: {error}", task.name())),
         }
     })
@@ -146,6 +149,8 @@ fn as_line(key: &str, value: Option<&SkVariant>, as_json: bool) -> Result<String
 struct Work {
     link: Link,
     name: String,
+    /// What is refused then is not that there is no such database.
+    creates: bool,
     as_json: bool,
 }
 
@@ -212,8 +217,8 @@ impl Work {
             Ok(None) => database.keys(cx, "", move |cx, keys| {
                 let keys = keys.unwrap_or_default();
                 let all = format!("`sk db keys {}` lists them", safe(&self.name));
-                let what = format!("variable in {}", safe(&self.name));
-                self.link.fail(cx, missing(&what, &key, keys.iter().map(String::as_str), &all));
+                self.link
+                    .fail(cx, missing("variable", &key, keys.iter().map(String::as_str), &all));
             }),
             Err(why) => self.fail(cx, why),
         });
@@ -226,17 +231,16 @@ impl Work {
         }
     }
 
-    /// Fails with the hub's words, and with the database that may have been meant if there is none of this name.
+    /// Fails with the hub's words, or with the database that may have been meant if there is none of this name.
     fn fail(self, cx: &mut Cx, why: String) {
         self.link.hub.databases(cx, "", move |cx, list| {
             let list = list.unwrap_or_default();
-            let failure = if list.iter().any(|one| one.name == self.name) || list.is_empty() {
-                format!("{}: {}", safe(&self.name), safe(&why))
-            } else {
-                let names = list.iter().map(|one| one.name.as_str());
-                let refused = missing("database", &self.name, names, "`sk db ls` lists them");
-                // A create that is refused is about another thing than a name that is not there.
-                if why.contains("no such") || why.contains("no database") { refused } else { format!("{}: {}", safe(&self.name), safe(&why)) }
+            let names = list.iter().map(|one| one.name.as_str());
+            let (creates, exists) = (self.creates, list.iter().any(|one| one.name == self.name));
+            let failure = match (creates, exists) {
+                (true, true) => format!("there is a database {} already", safe(&self.name)),
+                (false, false) => missing("database", &self.name, names, "`sk db ls` lists them"),
+                _ => format!("{}: {}", safe(&self.name), safe(&why)),
             };
             self.link.fail(cx, failure);
         });

@@ -3,10 +3,10 @@
 use crate::arguments::Arguments;
 use crate::call::ask;
 use crate::machine;
+use crate::module;
 use crate::output::{json, safe, write};
 use crate::session::{Link, Visit};
 use crate::table::span;
-use crate::module;
 use sk_core::flow::report::HubReport;
 use sk_core::prelude::*;
 use sk_core::world::World;
@@ -55,7 +55,8 @@ impl Finding {
                 ("todo", self.todo.as_str().into()),
             ]));
         }
-        let todo = if self.todo.is_empty() { String::new() } else { format!("\n      {:15} → {}", "", self.todo) };
+        let todo =
+            if self.todo.is_empty() { String::new() } else { format!("\n      {:15} → {}", "", self.todo) };
         Ok(format!("{mark:4}  {:15}  {}{todo}\n", self.what, safe(&self.says)))
     }
 }
@@ -89,7 +90,8 @@ fn of_hub(arguments: &Arguments) -> Vec<Finding> {
         let asked = cx.clock_now();
         link.hub.inspect(cx, "hub", move |cx, report| {
             let took = cx.clock_now().since(asked);
-            let report = report.and_then(|report| HubReport::from_variant(&report).map_err(|error| error.to_string()));
+            let report =
+                report.and_then(|report| HubReport::from_variant(&report).map_err(|error| error.to_string()));
             match report {
                 Ok(report) => told.borrow_mut().extend(of_report(&report, took)),
                 Err(failure) => return link.fail(cx, failure),
@@ -112,13 +114,29 @@ fn of_report(report: &HubReport, took: Duration) -> Vec<Finding> {
         true => Finding::ok("version", own.to_owned()),
         false => {
             let says = format!("the hub is {}, this tool {own}", report.version);
-            Finding::new(Mark::Warn, "version", says, "use those of one release; start the hub again after an update")
+            Finding::new(
+                Mark::Warn,
+                "version",
+                says,
+                "use those of one release; start the hub again after an update",
+            )
         }
     });
-    let dropped: u64 = report.counts.dropped.iter().filter(|(why, _)| *why != "gone").map(|(_, count)| count).sum();
+    let dropped: u64 = report
+        .counts
+        .dropped
+        .iter()
+        .filter(|(why, _)| *why != "gone")
+        .map(|(_, count)| count)
+        .sum();
     let says = format!("{} delivered, {dropped} dropped", report.counts.delivered);
     findings.push(match dropped * 100 > report.counts.delivered {
-        true => Finding::new(Mark::Warn, "messages", says, "somebody does not keep up: `sk info CHANNEL` says who"),
+        true => Finding::new(
+            Mark::Warn,
+            "messages",
+            says,
+            "somebody does not keep up: `sk info CHANNEL` says who",
+        ),
         false => Finding::ok("messages", says),
     });
     if report.spurious > 0 {
@@ -136,7 +154,8 @@ fn modules(cx: &mut Cx, link: Link, told: Findings) {
         let list = match answer.value() {
             Ok(list) => list,
             Err(error) => {
-                told.borrow_mut().push(Finding::new(Mark::Warn, "modules", error.to_string(), ""));
+                told.borrow_mut()
+                    .push(Finding::new(Mark::Warn, "modules", error.to_string(), ""));
                 return cx.quit();
             }
         };
@@ -151,16 +170,27 @@ fn modules(cx: &mut Cx, link: Link, told: Findings) {
                 "running" => runs.push(name),
                 "stopped" => {
                     let todo = format!("`sk module start {}`, if it should run", safe(&name));
-                    told.borrow_mut().push(Finding::new(Mark::Warn, "module", format!("{name} is stopped"), &todo));
+                    told.borrow_mut().push(Finding::new(
+                        Mark::Warn,
+                        "module",
+                        format!("{name} is stopped"),
+                        &todo,
+                    ));
                 }
                 _ => {
                     let says = format!("{name} is {state} {}", word(module, "reason"));
                     let todo = format!("`sk module info {}` tells more", safe(&name));
-                    told.borrow_mut().push(Finding::new(Mark::Fail, "module", says.trim_end().to_owned(), &todo));
+                    told.borrow_mut().push(Finding::new(
+                        Mark::Fail,
+                        "module",
+                        says.trim_end().to_owned(),
+                        &todo,
+                    ));
                 }
             }
         }
-        let says = if runs.is_empty() { "none runs".to_owned() } else { format!("{} running", runs.join(", ")) };
+        let says =
+            if runs.is_empty() { "none runs".to_owned() } else { format!("{} running", runs.join(", ")) };
         told.borrow_mut().push(Finding::ok("modules", says));
         cx.quit();
     });

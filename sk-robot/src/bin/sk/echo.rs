@@ -177,7 +177,8 @@ fn mime_of(message: &FlowMessage) -> Option<String> {
 /// What the file's name ends with: by what the channel says, else by how the bytes begin.
 fn ending_of(message: &FlowMessage) -> &'static str {
     let properties = message.channel().properties.variant();
-    let said = ["mime", "format"].map(|key| properties.get(key).and_then(SkVariant::as_str).unwrap_or_default());
+    let said =
+        ["mime", "format"].map(|key| properties.get(key).and_then(SkVariant::as_str).unwrap_or_default());
     let known = [
         ("jpeg", "jpg", &b"\xff\xd8\xff"[..]),
         ("jpg", "jpg", b"\xff\xd8\xff"),
@@ -190,8 +191,14 @@ fn ending_of(message: &FlowMessage) -> &'static str {
         ("wav", "wav", b"RIFF"),
         ("json", "json", b"{"),
     ];
-    let by_word = known.iter().find(|(word, ..)| said.iter().any(|said| said.rsplit('/').next() == Some(*word)));
-    let by_bytes = || known.iter().find(|(_, _, magic)| message.payload().starts_with(magic) && magic.len() > 2);
+    let by_word = known
+        .iter()
+        .find(|(word, ..)| said.iter().any(|said| said.rsplit('/').next() == Some(*word)));
+    let by_bytes = || {
+        known
+            .iter()
+            .find(|(_, _, magic)| message.payload().starts_with(magic) && magic.len() > 2)
+    };
     match by_word.or_else(by_bytes) {
         Some((_, ending, _)) => ending,
         None if said.iter().any(|said| said.starts_with("text/")) => "txt",

@@ -6,7 +6,6 @@ use crate::output::{json, safe};
 use crate::session::Visit;
 use clap::Args;
 use sk_core::flow::report::{GraphChannel, GraphReport};
-use sk_core::prelude::*;
 use sk_flat::FromVariant;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -129,7 +128,9 @@ mod tests {
     #[test]
     fn graphviz_gets_nodes_and_edges() {
         let dot = as_dot(&graph());
-        assert!(dot.contains("\"robot.b\" -> \"robot.eye\";") && dot.contains("\"robot.arm\" -> \"robot.b\";"));
+        assert!(
+            dot.contains("\"robot.b\" -> \"robot.eye\";") && dot.contains("\"robot.arm\" -> \"robot.b\";")
+        );
         assert!(dot.starts_with("digraph flow {") && dot.ends_with("}\n"));
     }
 }

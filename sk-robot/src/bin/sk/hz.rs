@@ -160,7 +160,11 @@ impl Meter {
             return Ok(format!("{}: nothing yet\n", safe(&self.channel)));
         }
         let seconds = |seconds: f64| span(Duration::from_secs_f64(seconds));
-        let lost: Vec<String> = self.lost.iter().map(|(reason, count)| format!("{count} ({})", safe(reason))).collect();
+        let lost: Vec<String> = self
+            .lost
+            .iter()
+            .map(|(reason, count)| format!("{count} ({})", safe(reason)))
+            .collect();
         let lost = if lost.is_empty() { "0".to_owned() } else { lost.join(", ") };
         Ok(format!(
             "{:.2} Hz ({} in the last second)  jitter {}  interval {} … {}  {}/s  {}/message  lost {lost}\n",

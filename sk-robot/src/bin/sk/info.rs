@@ -67,7 +67,8 @@ fn flow(cx: &mut Cx, link: Link, what: String, channels: Vec<String>, as_json: b
         };
         let Some(flow) = flows.into_iter().find(|flow| flow.flow.as_ref() == Some(&name)) else { return };
         link.hub.inspect(cx, "graph", move |cx, told| {
-            let graph = told.and_then(|told| GraphReport::from_variant(&told).map_err(|error| error.to_string()));
+            let graph =
+                told.and_then(|told| GraphReport::from_variant(&told).map_err(|error| error.to_string()));
             link.end(cx, graph.and_then(|graph| of_flow(&flow, &name, &graph, as_json)));
         });
     });
@@ -96,8 +97,11 @@ fn counts(counts: &CountsReport) -> String {
     if counts.queued > 0 {
         text += &format!(", {} wait", counts.queued);
     }
-    let dropped: Vec<String> =
-        counts.dropped.iter().map(|(reason, count)| format!("{count} ({})", safe(reason))).collect();
+    let dropped: Vec<String> = counts
+        .dropped
+        .iter()
+        .map(|(reason, count)| format!("{count} ({})", safe(reason)))
+        .collect();
     if !dropped.is_empty() {
         text += &format!(", dropped {}", dropped.join(", "));
     }
@@ -106,7 +110,9 @@ fn counts(counts: &CountsReport) -> String {
 
 fn of_channel(told: &SkVariant) -> Result<String, VariantError> {
     let channel = ChannelReport::from_variant(told)?;
-    let last = channel.last.map_or_else(String::new, |last| format!(", the last {} ago", span(last)));
+    let last = channel
+        .last
+        .map_or_else(String::new, |last| format!(", the last {} ago", span(last)));
     let mut rows = vec![
         ("channel", safe(&channel.name)),
         ("kind", safe(&channel.kind)),
@@ -152,7 +158,11 @@ fn of_channel(told: &SkVariant) -> Result<String, VariantError> {
 
 fn of_flow(flow: &FlowReport, name: &str, graph: &GraphReport, as_json: bool) -> Result<String, String> {
     let channels = graph.channels.iter();
-    let owns: Vec<&str> = channels.clone().filter(|one| one.owner == name).map(|one| one.name.as_str()).collect();
+    let owns: Vec<&str> = channels
+        .clone()
+        .filter(|one| one.owner == name)
+        .map(|one| one.name.as_str())
+        .collect();
     let hears = channels.filter(|one| one.subscribers.iter().any(|who| who == name));
     let hears: Vec<&str> = hears.map(|one| one.name.as_str()).collect();
     if as_json {

@@ -4,8 +4,9 @@ use crate::doctor::{Finding, Mark};
 use crate::table::{bytes, span};
 use nix::sys::resource::{Resource, getrlimit};
 use nix::sys::statvfs::statvfs;
+use sk_core::eventloop::SchedulingPolicy;
 use sk_core::prelude::*;
-use sk_core::world::{SchedulingPolicy, World};
+use sk_core::world::World;
 use sk_robot::places::Places;
 use std::path::Path;
 
@@ -50,11 +51,21 @@ fn token(places: &Places, world: &World) -> Finding {
     match world.storage.owner_and_mode(&path) {
         Err(_) => {
             let says = format!("{shown} is not there");
-            Finding::new(Mark::Warn, what, says, "start skrobot once; it makes the token of the owner's account")
+            Finding::new(
+                Mark::Warn,
+                what,
+                says,
+                "start skrobot once; it makes the token of the owner's account",
+            )
         }
         Ok((_, mode)) if mode & 0o077 != 0 => {
             let says = format!("others may read {shown}, its mode is {:03o}", mode & 0o777);
-            Finding::new(Mark::Fail, what, says, "remove the file, since it may be known; the next start makes another")
+            Finding::new(
+                Mark::Fail,
+                what,
+                says,
+                "remove the file, since it may be known; the next start makes another",
+            )
         }
         Ok((_, mode)) => Finding::ok(what, format!("{shown}, mode {:03o}", mode & 0o777)),
     }
@@ -102,14 +113,16 @@ fn timing() -> Vec<Finding> {
             settings.realtime.policy = SchedulingPolicy::Fifo(10);
             settings.realtime.no_cpu_sleep = true;
         };
-        let mut app = SkApp::builder().name("doctor").configure(wishes).build().map_err(|error| error.to_string())?;
-        let mut latest = Duration::ZERO;
+        let mut app = SkApp::builder()
+            .name("doctor")
+            .configure(wishes)
+            .build()
+            .map_err(|error| error.to_string())?;
         for _ in 0..WAITS {
             app.pulse();
-            let pulse = app.cx().pulse();
-            latest = latest.max(pulse.now.since(pulse.due));
         }
-        Ok::<_, String>((app.cx().stats().refused_wishes, latest))
+        let stats = app.cx().stats();
+        Ok::<_, String>((stats.refused_wishes, stats.wake_error.max))
     });
     let (refused, latest) = match measured.join() {
         Ok(Ok(measured)) => measured,

@@ -85,9 +85,14 @@ pub fn run(arguments: &Arguments, task: &Module) -> Result<(), String> {
     let as_json = arguments.json;
     Visit::once(arguments, move |cx, link| {
         let Some(service) = service(cx, link) else {
-            return link.fail(cx, missing("service", module_service::NAME, std::iter::empty(), "this hub commands no modules"));
+            return link.fail(
+                cx,
+                missing("service", module_service::NAME, std::iter::empty(), "this hub commands no modules"),
+            );
         };
-        ask(cx, link, &service, request, within, move |cx, answer| link.end(cx, text(answer, as_json, shown)));
+        ask(cx, link, &service, request, within, move |cx, answer| {
+            link.end(cx, text(answer, as_json, shown))
+        });
     })
 }
 
@@ -95,9 +100,9 @@ pub fn run(arguments: &Arguments, task: &Module) -> Result<(), String> {
 pub fn service(cx: &mut Cx, link: Link) -> Option<String> {
     let ends = format!(".{}", module_service::NAME);
     let channels = link.hub.channels(cx);
-    let found = channels
-        .into_iter()
-        .find(|channel| channel.owner == 0 && channel.kind == ChannelKind::Service && channel.name.ends_with(&ends));
+    let found = channels.into_iter().find(|channel| {
+        channel.owner == 0 && channel.kind == ChannelKind::Service && channel.name.ends_with(&ends)
+    });
     found.map(|channel| channel.name)
 }
 

@@ -28,7 +28,12 @@ pub fn nearest<'a>(wanted: &str, names: impl Iterator<Item = &'a str>) -> Option
 }
 
 /// `no channel NAME: did you mean OTHER?`
-pub fn missing<'a>(what: &str, wanted: &str, names: impl Iterator<Item = &'a str>, otherwise: &str) -> String {
+pub fn missing<'a>(
+    what: &str,
+    wanted: &str,
+    names: impl Iterator<Item = &'a str>,
+    otherwise: &str,
+) -> String {
     let hint = match nearest(wanted, names) {
         Some(near) => format!("did you mean {}?", safe(near)),
         None => otherwise.to_owned(),
@@ -54,7 +59,11 @@ pub fn account(cx: &mut Cx, hub: Handle<SkFlowSat>) -> String {
     of_core(cx, hub, |core| core.user().map(ToString::to_string))
 }
 
-fn of_core(cx: &mut Cx, hub: Handle<SkFlowSat>, what: impl FnOnce(&SatelliteCore) -> Option<String>) -> String {
+fn of_core(
+    cx: &mut Cx,
+    hub: Handle<SkFlowSat>,
+    what: impl FnOnce(&SatelliteCore) -> Option<String>,
+) -> String {
     let found = cx.with(hub, |hub, _| hub.core().and_then(what));
     found.ok().flatten().unwrap_or_default()
 }

@@ -23,7 +23,10 @@ pub fn write(bytes: &[u8]) -> Result<bool, String> {
 
 /// A variant as one line of JSON; a peer's text in it cannot command a terminal.
 pub fn json(value: &SkVariant) -> Result<String, String> {
-    value.to_json().map(|json| safe(&json) + "\n").map_err(|error| error.to_string())
+    value
+        .to_json()
+        .map(|json| safe(&json) + "\n")
+        .map_err(|error| error.to_string())
 }
 
 /// Text of a peer's with everything escaped that could command a terminal.

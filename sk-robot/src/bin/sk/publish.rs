@@ -104,10 +104,6 @@ pub fn run(arguments: &Arguments, task: &Publish) -> Result<(), String> {
     let mut visit = Visit::begin(arguments)?;
     let link = visit.link();
     let cx = visit.app.cx();
-    if let Some(rate) = task.rate {
-        let interval = Duration::from_secs_f64(1.0 / rate).min(cx.settings().interval);
-        cx.set_interval(interval).map_err(|error| error.to_string())?;
-    }
     let once = if task.rate.is_none() && !matches!(task.value, Source::Lines) { Some(1) } else { None };
     let left = task.count.or(once);
     let (task, as_json) = (task.clone(), arguments.json);
@@ -150,7 +146,9 @@ fn read_lines(publisher: Remote<Publisher>) {
         for (number, line) in std::io::stdin().lock().lines().enumerate() {
             let value = match line {
                 Ok(line) if line.trim().is_empty() => continue,
-                Ok(line) => json(&line).map_err(|error| format!("line {} of standard input: {error}", number + 1)),
+                Ok(line) => {
+                    json(&line).map_err(|error| format!("line {} of standard input: {error}", number + 1))
+                }
                 Err(error) => Err(format!("standard input: {error}")),
             };
             let failed = value.is_err();
@@ -188,7 +186,8 @@ impl Publisher {
         if let Err(error) = self.link.hub.open(cx, &self.task.name, properties) {
             return self.link.fail(cx, error.to_string());
         }
-        let waits_for_all = self.task.wait || self.task.rate.is_some() || matches!(self.task.value, Source::Lines);
+        let waits_for_all =
+            self.task.wait || self.task.rate.is_some() || matches!(self.task.value, Source::Lines);
         // Timers are children of this object, here and below.
         if !waits_for_all {
             let _ = self.patience.start_once(cx, HEARD_WITHIN);
@@ -283,7 +282,8 @@ impl Publisher {
 
     fn on_impatient(&mut self, cx: &mut Cx) {
         let name = self.full_name.clone().unwrap_or_else(|| self.task.name.clone());
-        self.link.fail(cx, format!("nobody listens to {} (--wait waits for somebody)", safe(&name)));
+        self.link
+            .fail(cx, format!("nobody listens to {} (--wait waits for somebody)", safe(&name)));
     }
 
     fn on_refused(&mut self, cx: &mut Cx, why: String) {
@@ -302,7 +302,8 @@ impl Publisher {
         let Some(name) = &self.full_name else { return };
         let this = cx.this(self);
         self.link.hub.inspect(cx, &format!("channel {name}"), move |cx, told| {
-            let report = told.and_then(|told| ChannelReport::from_variant(&told).map_err(|error| error.to_string()));
+            let report =
+                told.and_then(|told| ChannelReport::from_variant(&told).map_err(|error| error.to_string()));
             // It lives as long as the program.
             let _ = cx.with(this, |publisher, cx| publisher.look(cx, report));
         });

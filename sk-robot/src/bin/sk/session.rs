@@ -150,6 +150,11 @@ impl Visit {
             Some(trust) => SkFlowSat::connect_secured(cx, &address, credentials, trust),
             None => SkFlowSat::connect_as(cx, &address, credentials),
         };
+        // So that `sk graph` and `sk why` of others show it as what it is; another visit has another name.
+        let mut number = [0; 4];
+        cx.world().rng.fill(&mut number);
+        let name = format!("sk-{:08x}", u32::from_le_bytes(number));
+        hub.name_flow(cx, &name).map_err(|error| error.to_string())?;
         let session = cx.spawn_with(|cx, this: Handle<Session>| {
             let deadline = cx.under(this).spawn(Timer::default());
             attach!(cx, deadline.timeout => this.on_deadline);

@@ -14,7 +14,8 @@ pub fn table(head: &[&str], rows: &[Vec<String>]) -> String {
     let widths: Vec<usize> = shown.iter().map(|column| width(*column)).collect();
     let line = |row: &Vec<String>| {
         let cells = shown.iter().zip(&widths);
-        let padded: Vec<String> = cells.map(|(column, width)| format!("{:width$}", cell(row, *column))).collect();
+        let padded: Vec<String> =
+            cells.map(|(column, width)| format!("{:width$}", cell(row, *column))).collect();
         format!("{}\n", padded.join("  ").trim_end())
     };
     all().map(line).collect()

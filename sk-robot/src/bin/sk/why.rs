@@ -21,7 +21,8 @@ pub fn run(arguments: &Arguments, task: &Why) -> Result<(), String> {
     let (task, as_json) = (task.clone(), arguments.json);
     Visit::once(arguments, move |cx, link| {
         link.hub.inspect(cx, "flows", move |cx, told| {
-            let flows = told.and_then(|told| FlowsReport::from_variant(&told).map_err(|error| error.to_string()));
+            let flows =
+                told.and_then(|told| FlowsReport::from_variant(&told).map_err(|error| error.to_string()));
             match flows {
                 Ok(flows) => ask(cx, link, &task, &flows, as_json),
                 Err(failure) => link.fail(cx, failure),

@@ -19,10 +19,13 @@ pub fn say(text: &str) {
 
 /// What it listens on, what is pulsing and what to type next.
 pub fn greeting(cx: &mut Cx, keeper: Handle<Keeper>) -> Result<String, Access> {
-    let (server, modules, addresses, token, account) = cx.with(keeper, |keeper, _| {
+    let (server, modules, addresses, token) = cx.with(keeper, |keeper, _| {
         let hub = keeper.hub();
-        let account = hub.config().hub.account.clone();
-        (hub.server, hub.modules, hub.addresses().to_vec(), hub.places().token(), account)
+        (hub.server, hub.modules, hub.addresses().to_vec(), hub.places().token())
+    })?;
+    let (account, fingerprint) = cx.with(keeper, |keeper, _| {
+        let hub = keeper.hub();
+        (hub.config().hub.account.clone(), hub.fingerprint().map(str::to_owned))
     })?;
     let mut text = format!("skrobot {} is pulsing\n", env!("CARGO_PKG_VERSION"));
     let channels = server.channels(cx)?;
@@ -34,9 +37,16 @@ pub fn greeting(cx: &mut Cx, keeper: Handle<Keeper>) -> Result<String, Access> {
         };
         let _ = writeln!(text, "  listens on  {address}  ({how})");
     }
+    if let Some(fingerprint) = fingerprint {
+        let _ = writeln!(text, "  shows       a certificate with the fingerprint {fingerprint}");
+    }
     // The service of the modules is there always.
     let own = format!("{account}.{}", module_service::NAME);
-    let names: Vec<&str> = channels.iter().map(|(name, _)| name.as_str()).filter(|name| *name != own).collect();
+    let names: Vec<&str> = channels
+        .iter()
+        .map(|(name, _)| name.as_str())
+        .filter(|name| *name != own)
+        .collect();
     let _ = writeln!(
         text,
         "  channels    {}",
