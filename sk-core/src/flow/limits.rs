@@ -105,6 +105,13 @@ pub const WATCHES_PER_FLOW_MAX: usize = 256;
 /// How many changes of one flow may wait for the disk; its further commands wait meanwhile.
 pub const UNSAVED_PER_FLOW_MAX: usize = 1_024;
 
+/// How many accounts a hub has.
+pub const ACCOUNTS_MAX: usize = 1_024;
+/// The longest name of an account: its logins must fit into the messages before login.
+pub const ACCOUNT_NAME_BYTES_MAX: usize = 64;
+/// How many patterns one right of an account may have.
+pub const PATTERNS_PER_RIGHT_MAX: usize = 64;
+
 /// How many connections a hub serves at once.
 pub const CONNECTIONS_MAX: usize = 16_384;
 /// How many connections may be open at once without a login.

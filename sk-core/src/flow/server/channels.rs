@@ -1,6 +1,6 @@
 //! Channels: opening, closing, changing, telling everyone.
 
-use super::super::channel::Owner;
+use super::super::channel::{Channel, Owner};
 use super::super::database::{DatabaseKind, Entity};
 use super::super::delivery::DropReason;
 use super::super::error::RefusalCode;
@@ -8,8 +8,10 @@ use super::super::limits::CHANNELS_PER_FLOW_MAX;
 use super::super::{ChannelKind, ChannelRef, Encoded, Event, Flags, Form, Message, Properties, Right};
 use super::audience::Subscribers;
 use super::connection::Incoming;
+use super::permission::owning_right;
 use super::telling::Telling;
 use super::{ConnectionId, Notice, ServerCore, owning_flow};
+use crate::testing::{Bug, is_planted};
 use sk_flat::Name;
 
 impl ServerCore {
@@ -45,6 +47,9 @@ impl ServerCore {
         let full = Name::new(name)
             .and_then(|name| Name::compose(user, &name))
             .map_err(|_| RefusalCode::BadName)?;
+        if !connection.rights.allows(owning_right(kind), full.as_str()) && !is_planted(Bug::RightsSkipped) {
+            return Err(RefusalCode::Denied);
+        }
         if connection.owned.len() >= CHANNELS_PER_FLOW_MAX {
             return Err(RefusalCode::TooManyChannels);
         }
@@ -95,7 +100,7 @@ impl ServerCore {
         let administers = self
             .connections
             .get(id)
-            .is_some_and(|found| found.rights.has(Right::Administer));
+            .is_some_and(|found| found.rights.allows(Right::Administer, known.name.as_str()));
         if known.owner == Owner::Flow(id.wire()) || administers {
             self.remove_channel(channel, Some((id, tag)), DropReason::Gone);
         } else {
@@ -131,7 +136,7 @@ impl ServerCore {
         }
         self.entity_ended(DatabaseKind::Channel, &known.name, Entity::Channel(channel));
         let event = Event::ChannelRemoved { channel };
-        self.tell_flows(channel, asked, |tag, _| event.encode(tag, Flags::NONE));
+        self.tell_flows(&known, asked, |tag, _| event.encode(tag, Flags::NONE));
         self.notices.push_back(Notice::ChannelRemoved { channel, name: known.name });
     }
 
@@ -156,10 +161,11 @@ impl ServerCore {
         if latch || subscribers.special.is_some() {
             subscribers.special_mut().latch = latch;
         }
+        let known = known.clone();
         if !latch {
             self.keep_no_longer(channel);
         }
-        self.tell_flows(channel, Some((id, tag)), |tag, form| {
+        self.tell_flows(&known, Some((id, tag)), |tag, form| {
             Event::HeaderChanged { channel, properties: properties.clone().in_form(form) }
                 .encode(tag, Flags::NONE)
         });
@@ -169,15 +175,15 @@ impl ServerCore {
         let Some((known, _)) = self.channels.get(channel) else { return };
         let known = known.clone();
         self.entity_began(DatabaseKind::Channel, &known.name, Entity::Channel(channel));
-        self.tell_flows(channel, asked, |tag, form| known.added(tag, form));
+        self.tell_flows(&known, asked, |tag, form| known.added(tag, form));
         self.notices.push_back(Notice::ChannelAdded { channel, name: known.name });
     }
 
-    /// Sends a frame about a channel to every flow in the form of its values, and to the one that asked with
+    /// Sends a frame about a channel to every flow that sees it, in the form of its values, and to the one that asked with
     /// its tag. A flow that is still being told what there is hears of channels beyond that point in due course.
     pub(super) fn tell_flows(
         &mut self,
-        channel: ChannelRef,
+        channel: &Channel,
         asked: Option<(ConnectionId, u32)>,
         frame: impl Fn(u32, Form) -> Encoded,
     ) {
@@ -186,10 +192,10 @@ impl ServerCore {
             let id = self.sessions.flows[index];
             let Some(connection) = self.connections.get(id) else { continue };
             let told = connection.replay.as_ref().is_none_or(|replay| match replay.what {
-                Telling::Channels { begins_flow: true, next } => next > channel.id as u16,
+                Telling::Channels { begins_flow: true, next } => next > channel.reference.id as u16,
                 _ => true,
             });
-            if told && connection.closing.is_none() {
+            if told && connection.closing.is_none() && connection.rights.sees(id, channel) {
                 let form = connection.form;
                 match asked {
                     Some((asker, tag)) if asker == id => self.send(id, frame(tag, form)),

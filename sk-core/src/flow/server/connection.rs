@@ -6,9 +6,11 @@ use super::super::fragment::Gathering;
 use super::super::inbound::Inbound;
 use super::super::login::Nonce;
 use super::super::outgoing::Begun;
+use super::super::scram::ServerExchange;
 use super::super::{ChannelRef, Command, Form, State};
 use super::databases::Desk;
 use super::output::Output;
+use super::permission::Permission;
 use super::requests::RequestId;
 use super::telling::Telling;
 use sk_flat::{Instant, Name};
@@ -122,7 +124,9 @@ pub(super) struct Connection {
     pub(super) client_nonce: Nonce,
     pub(super) hub_nonce: Nonce,
     pub(super) user: Option<Name>,
-    pub(super) rights: Rights,
+    /// A login by password that is under way.
+    pub(super) scram: Option<Box<ServerExchange>>,
+    pub(super) rights: Permission,
     /// The full name of the flow, once it is one.
     pub(super) flow: Option<Name>,
     /// What the flow's successor would prove itself with, and whether it is one itself.
@@ -177,7 +181,8 @@ impl Connection {
             client_nonce: [0; 32],
             hub_nonce,
             user: None,
-            rights: Rights::NONE,
+            scram: None,
+            rights: Permission::NONE,
             flow: None,
             session: [0; 16],
             resumed: false,

@@ -8,8 +8,10 @@ use super::super::limits::{
 use super::super::login::{NO_PROOF, Nonce, Proof};
 use super::super::{Event, Form, Rights};
 use super::connection::Origin;
+use super::permission::Permission;
 use super::telling::Telling;
 use super::{ConnectionId, Notice, ServerCore};
+use sk_flat::Name;
 
 /// The fields of a client's first frame.
 pub(super) struct Greeting {
@@ -58,9 +60,10 @@ impl ServerCore {
             return self.login_failed(id);
         };
         let (client, hub) = (&connection.client_nonce, &connection.hub_nonce);
-        if token.client_is_true(client, hub, proof) {
+        if token.client_is_true(client, hub, proof) && connection.scram.is_none() {
             let proof = token.hub_proof(client, hub);
-            self.logged_in(id, tag, Rights::ALL, proof);
+            let owner = self.settings.user.clone();
+            self.logged_in(id, tag, owner, Permission::of(Rights::ALL), proof);
         } else {
             self.login_failed(id);
         }
@@ -73,14 +76,23 @@ impl ServerCore {
             Origin::Unix { uid } if self.settings.owner_uid == Some(uid) => Some(Rights::ALL),
             Origin::Unix { .. } | Origin::Line | Origin::Network(_) => None,
         };
-        match rights {
-            Some(rights) => self.logged_in(id, tag, rights, NO_PROOF),
+        match rights.filter(|_| connection.scram.is_none()) {
+            Some(rights) => {
+                let owner = self.settings.user.clone();
+                self.logged_in(id, tag, owner, Permission::of(rights), NO_PROOF);
+            }
             None => self.login_failed(id),
         }
     }
 
-    fn logged_in(&mut self, id: ConnectionId, tag: u32, rights: Rights, proof: Proof) {
-        let user = self.settings.user.clone();
+    pub(super) fn logged_in(
+        &mut self,
+        id: ConnectionId,
+        tag: u32,
+        user: Name,
+        rights: Permission,
+        proof: Proof,
+    ) {
         let Some(connection) = self.connections.get_mut(id) else { return };
         connection.user = Some(user.clone());
         self.waiting -= 1;
@@ -93,7 +105,7 @@ impl ServerCore {
     /// One attempt for each connection: the nonces are used up. An honest client may hold an old token, so
     /// this is no reason to call it spurious. Where many fail, all that fail are answered late, whatever the
     /// reason; one that succeeds never is.
-    fn login_failed(&mut self, id: ConnectionId) {
+    pub(super) fn login_failed(&mut self, id: ConnectionId) {
         let Some(connection) = self.connections.get_mut(id) else { return };
         if self.addresses.failed(connection.origin, self.now) {
             let at = self.now + FAILED_LOGIN_DELAY;

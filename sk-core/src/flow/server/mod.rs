@@ -12,6 +12,7 @@
 //! Once a round the loop calls [`ServerCore::work`] for commands that waited for their turn and
 //! [`ServerCore::tick`] for deadlines.
 
+mod accounts;
 mod addresses;
 mod alarms;
 mod audience;
@@ -28,6 +29,7 @@ mod keeping;
 mod login;
 mod notice;
 mod output;
+mod permission;
 mod polling;
 mod publish;
 mod replicas;
@@ -43,13 +45,14 @@ mod telling;
 mod tests;
 mod turn;
 
+pub use accounts::AccountsError;
 pub use connection::{ConnectionId, Ending, Origin};
 pub use notice::Notice;
 pub use requests::RequestId;
 pub use sessions::Session;
 
 use super::channel::{Channel, Owner, Registry};
-use super::database::{DatabaseKind, Databases, Entity};
+use super::database::{DatabaseKind, DatabaseName, Databases, Entity};
 use super::definition::Encoded;
 use super::delivery::{Budget, Counts, DropReason};
 use super::error::{ClosingReason, ProtocolError, RefusalCode};
@@ -62,6 +65,7 @@ use super::login::{Nonce, OwnerToken};
 use super::wire::Slices;
 use super::{ChannelRef, Event, Message, State};
 use crate::testing::{Bug, is_planted};
+use accounts::Accounts;
 use addresses::Addresses;
 use alarms::Alarms;
 use audience::Subscribers;
@@ -118,6 +122,7 @@ pub struct TooManyConnections;
 #[derive(Debug)]
 pub struct ServerCore {
     settings: Settings,
+    accounts: Accounts,
     connections: Connections,
     channels: Registry<Subscribers>,
     databases: Databases,
@@ -164,6 +169,7 @@ impl ServerCore {
     /// A hub with nobody connected.
     pub fn new(settings: Settings, now: Instant) -> ServerCore {
         let mut core = ServerCore {
+            accounts: Accounts::new(settings.token.as_ref()),
             settings,
             connections: Connections::default(),
             channels: Registry::default(),
@@ -197,6 +203,7 @@ impl ServerCore {
         };
         let owner = core.settings.user.clone();
         core.entity_began(DatabaseKind::User, &owner, Entity::User);
+        core.databases.add_entity(DatabaseName::accounts(), Entity::Hub);
         core
     }
 

@@ -3,7 +3,7 @@
 use super::super::error::RefusalCode;
 use super::super::limits::SUBSCRIPTIONS_PER_FLOW_MAX;
 use super::super::outgoing::Begun;
-use super::super::{ChannelKind, ChannelRef, Event, Flags, Message};
+use super::super::{ChannelKind, ChannelRef, Event, Flags, Message, Right};
 use super::audience::Poller;
 use super::connection::Connection;
 use super::{ConnectionId, ServerCore};
@@ -18,6 +18,9 @@ impl ServerCore {
 
     fn try_register(&mut self, id: ConnectionId, channel: ChannelRef) -> Result<(), RefusalCode> {
         let (known, subscribers) = self.channels.get(channel).ok_or(RefusalCode::Gone)?;
+        if !self.is_allowed(id, Right::Subscribe, known.name.as_str()) {
+            return Err(RefusalCode::Denied);
+        }
         if known.kind != ChannelKind::Stream {
             return Err(RefusalCode::WrongKind);
         }

@@ -7,7 +7,7 @@ use super::super::channel::Owner;
 use super::super::delivery::Outgoing;
 use super::super::error::RefusalCode;
 use super::super::limits::REPLICA_LEVELS_MAX;
-use super::super::{ChannelKind, ChannelRef, Event};
+use super::super::{ChannelKind, ChannelRef, Event, Right};
 use super::audience::Replica;
 use super::{ConnectionId, ServerCore};
 
@@ -35,6 +35,9 @@ impl ServerCore {
         let (of_source, _) = self.channels.get(source).ok_or(RefusalCode::Gone)?;
         if known.owner != Owner::Flow(id.wire()) {
             return Err(RefusalCode::NotOwner);
+        }
+        if !self.is_allowed(id, Right::Subscribe, of_source.name.as_str()) {
+            return Err(RefusalCode::Denied);
         }
         // Nobody could hold back a source for the sake of a reliable replica's subscribers.
         let streams = known.kind == ChannelKind::Stream && of_source.kind == ChannelKind::Stream;

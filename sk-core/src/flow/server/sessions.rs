@@ -63,8 +63,9 @@ impl ServerCore {
             Some(old) => self.take_place(old, id).unwrap_or(full),
             None => full,
         };
-        // The database of a flow whose place is taken lives on: it belongs to its successor from here on.
-        self.entity_began(DatabaseKind::Flow, &full, Entity::Flow(id.wire()));
+        if predecessor.is_none() {
+            self.entity_began(DatabaseKind::Flow, &full, Entity::Flow(id.wire()));
+        }
         self.sessions.names.insert(full.clone(), id);
         self.sessions.sessions.insert(own, id);
         self.sessions.flows.push(id);
@@ -105,10 +106,13 @@ impl ServerCore {
             }
         }
         if let Some(name) = &name {
+            // The flow's database is the successor's before the former one ends.
             self.entity_began(DatabaseKind::Flow, name, Entity::Flow(new.wire()));
         }
         self.notices.push_back(Notice::Resumed { from: old, connection: new });
         self.close(old, ClosingReason::Replaced);
+        // It may not have all the rights of its predecessor.
+        self.enforce_rights(new);
         name
     }
 
@@ -130,6 +134,11 @@ impl ServerCore {
     pub(super) fn tell_inherited(&mut self, id: ConnectionId) {
         let Some(connection) = self.connections.get_mut(id) else { return };
         connection.output.paused = false;
+        if let Some(selected) = &connection.desk.selected {
+            let event = Event::DatabaseSelected { database: selected.to_string() };
+            self.answer(id, 0, &event);
+        }
+        let Some(connection) = self.connections.get(id) else { return };
         for channel in connection.owned.clone() {
             let Some((_, beside)) = self.channels.get(channel) else { continue };
             let (source, heard, reliable) = (beside.source(), beside.is_heard(), beside.is_reliable());

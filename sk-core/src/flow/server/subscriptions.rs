@@ -4,7 +4,7 @@ use super::super::channel::Owner;
 use super::super::delivery::DropReason;
 use super::super::error::{ProtocolError, RefusalCode};
 use super::super::limits::{SUBSCRIPTION_DEPTH_DEFAULT, SUBSCRIPTION_DEPTH_MAX, SUBSCRIPTIONS_PER_FLOW_MAX};
-use super::super::{ChannelKind, ChannelRef, Event, Policy};
+use super::super::{ChannelKind, ChannelRef, Event, Policy, Right};
 use super::audience::Subscriber;
 use super::output::Keep;
 use super::sync::is_divisor;
@@ -36,6 +36,12 @@ impl ServerCore {
             self.refuse(id, tag, RefusalCode::Gone);
             return Ok(());
         };
+        let Some(connection) = self.connections.get_mut(id) else { return Ok(()) };
+        if !connection.rights.allows(Right::Subscribe, known.name.as_str()) && !is_planted(Bug::RightsSkipped)
+        {
+            self.refuse(id, tag, RefusalCode::Denied);
+            return Ok(());
+        }
         let is_sync = known.kind == ChannelKind::Sync;
         if is_sync && !is_divisor(divisor) {
             let value = divisor.into();
@@ -48,7 +54,6 @@ impl ServerCore {
             self.refuse(id, tag, RefusalCode::WrongKind);
             return Ok(());
         }
-        let Some(connection) = self.connections.get_mut(id) else { return Ok(()) };
         let output = &mut connection.output;
         if !output.is_subscribed(channel) && output.subscriptions() >= SUBSCRIPTIONS_PER_FLOW_MAX {
             self.refuse(id, tag, RefusalCode::TooManySubscriptions);

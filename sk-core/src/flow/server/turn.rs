@@ -3,6 +3,7 @@
 use super::super::definition::{Encoded, Tagged};
 use super::super::error::{ProtocolError, RefusalCode};
 use super::super::limits::TURN_COST_MAX;
+use super::super::scram::Verifier;
 use super::super::{ChannelKind, Command, Event, Flags, Message};
 use super::services::{AnswerPiece, CallPiece};
 use super::subscriptions::Wish;
@@ -112,6 +113,13 @@ impl ServerCore {
             }
             Command::LoginToken { proof } => self.login_token(id, tag, &proof),
             Command::LoginPeer {} => self.login_peer(id, tag),
+            Command::LoginScram { message } => self.login_scram(id, tag, &message),
+            Command::LoginScramProof { message } => self.login_scram_proof(id, tag, &message),
+            Command::UserSet { user, rounds, salt, stored_key, server_key } => {
+                self.user_set(id, tag, &user, Verifier::new(rounds, salt, stored_key, server_key));
+            }
+            Command::UserRemove { user } => self.user_remove(id, tag, &user),
+            Command::UserList {} => self.user_list(id, tag),
             Command::Ping {} => self.answer(id, tag, &Event::Pong {}),
             Command::Pong {} => {}
             Command::SetAsync { name, session, form } => self.set_async(id, tag, &name, session, form),

@@ -8,7 +8,8 @@ fn named(name: &str, session: Session) -> Command {
 
 /// A flow, and what it was told when it began.
 fn begin(hub: &mut ServerCore, nonce: u8, name: &str, session: Session) -> (Raw, Vec<Tagged<Event>>) {
-    let id = hub.open(OWNER, [nonce; 32], hub.now).expect("a place");
+    // Other than those of all other tests' connections: a session is made of the nonce.
+    let id = hub.open(OWNER, [100 + nonce; 32], hub.now).expect("a place");
     let mut raw = Raw { id, inbound: Inbound::new() };
     for command in [Raw::hello(FRAGMENT_BYTES_MAX as u32), Command::LoginPeer {}, named(name, session)] {
         raw.send(hub, 1, &command);
@@ -169,4 +170,27 @@ fn reliable_channels_and_replicas_go_on_with_the_successor() {
     assert!(told.contains(&Event::Credit { channel: log, bytes: CREDIT_BYTES - waiting }), "{told:?}");
     other.publish(&mut hub, theirs, Bytes::from_static(b"seen"));
     assert_eq!(other.heard(&mut hub, view), [b"seen"]);
+}
+
+#[test]
+fn the_flows_database_and_the_one_it_selected_go_on_with_the_successor() {
+    let mut hub = hub();
+    let (mut old, events) = begin(&mut hub, 1, "arm", [0; 16]);
+    let (_, session, _) = begun(&events);
+    let mut watcher = Raw::flow(&mut hub, OWNER);
+    let database = "flow:robot.arm".to_owned();
+    old.send(&mut hub, 5, &Command::DbSelect { database: database.clone() });
+    let value = crate::flow::Value::new(&7.into()).expect("small");
+    old.send(&mut hub, 6, &Command::VarSet { key: "gain".into(), value: value.clone() });
+    assert_eq!(tagged(&old.read(&mut hub), 6), [Event::Done {}]);
+    watcher.send(&mut hub, 5, &Command::DbSelect { database: database.clone() });
+    watcher.read(&mut hub);
+    let (mut new, events) = begin(&mut hub, 2, "arm", session);
+    assert!(messages(events).contains(&Event::DatabaseSelected { database }));
+    assert_eq!(messages(watcher.read(&mut hub)), [], "it was never gone");
+    new.send(&mut hub, 7, &Command::VarGet { key: "gain".into(), form: Form::Binary });
+    assert_eq!(tagged(&new.read(&mut hub), 7), [Event::Value { value }]);
+    hub.left(new.id, at(0));
+    let told = messages(watcher.read(&mut hub));
+    assert!(told.contains(&Event::DatabaseSelected { database: String::new() }), "now it is: {told:?}");
 }
