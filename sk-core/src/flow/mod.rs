@@ -11,6 +11,7 @@
 //!
 //! `docs/flow-protocol.md` is the normative description for people who write another client.
 
+pub mod blob;
 mod call;
 pub mod channel;
 pub mod codec;

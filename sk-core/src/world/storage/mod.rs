@@ -1,11 +1,15 @@
 //! Durable files.
 
 mod disk_faults;
+mod folder;
 mod real;
+mod real_folder;
 mod sim_disk;
+mod sim_folder;
 mod simulated;
 
 pub use disk_faults::DiskFaults;
+pub use folder::{Found, StoredFolder};
 pub use real::RealStorage;
 pub use simulated::SimulatedStorage;
 
@@ -34,6 +38,9 @@ pub trait Storage: Send + Sync {
 
     /// Makes a folder and its parents, with mode 0700, and synchronises what they are in; it may exist.
     fn create_dir(&self, path: &Path) -> io::Result<()>;
+
+    /// Opens a folder, for what is below it. Its own name must not be a symbolic link.
+    fn folder(&self, path: &Path) -> io::Result<Arc<dyn StoredFolder>>;
 
     /// The names in a folder, sorted.
     fn list(&self, path: &Path) -> io::Result<Vec<PathBuf>>;

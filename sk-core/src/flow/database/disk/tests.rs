@@ -3,7 +3,7 @@
 use super::*;
 use crate::flow::Value;
 use crate::flow::database::{Contents, DatabaseName, Saved};
-use crate::world::{SimulatedRng, SimulatedStorage, StoredFile};
+use crate::world::{SimulatedRng, SimulatedStorage, StoredFile, StoredFolder};
 use std::collections::BTreeMap;
 use std::io;
 use std::path::Path;
@@ -92,6 +92,9 @@ impl Storage for Failing {
     }
     fn create_dir(&self, path: &Path) -> io::Result<()> {
         self.disk.create_dir(path)
+    }
+    fn folder(&self, path: &Path) -> io::Result<Arc<dyn StoredFolder>> {
+        self.disk.folder(path)
     }
     fn list(&self, path: &Path) -> io::Result<Vec<PathBuf>> {
         self.disk.list(path)
