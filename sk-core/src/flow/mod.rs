@@ -39,7 +39,7 @@ mod value;
 pub mod wire;
 
 pub use call::{Answer, Call, CallError};
-pub use codec::ChannelRef;
+pub use codec::{ChannelRef, Path};
 pub use definition::{Definition, Direction, Encoded, Field, Message, Right, Rights, States, Tagged};
 pub use error::{ClosingReason, ProtocolError, RefusalCode};
 pub use frame::{Flags, Header};

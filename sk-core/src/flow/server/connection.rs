@@ -6,6 +6,7 @@ use super::super::fragment::Gathering;
 use super::super::inbound::Inbound;
 use super::super::login::Nonce;
 use super::super::{ChannelRef, Command, Form, State};
+use super::blobs::BlobDesk;
 use super::databases::Desk;
 use super::output::Output;
 use super::requests::RequestId;
@@ -99,6 +100,8 @@ pub(super) enum Incoming {
     Call(u32),
     /// The answer to this request.
     Answer(u64),
+    /// The piece of an upload with this tag.
+    Upload(u32),
 }
 
 /// How far a call has come.
@@ -134,6 +137,7 @@ pub(super) struct Connection {
     pub(super) owned: Vec<ChannelRef>,
     pub(super) replay: Option<Replay>,
     pub(super) desk: Desk,
+    pub(super) blobs: BlobDesk,
     /// Whether it waits for a turn.
     pub(super) queued: bool,
     /// Whether it is listed as having something to write.
@@ -172,6 +176,7 @@ impl Connection {
             owned: Vec::new(),
             replay: None,
             desk: Desk::default(),
+            blobs: BlobDesk::default(),
             queued: false,
             dirty: false,
             opened: now,
@@ -207,18 +212,21 @@ impl Connection {
             || self.replay.is_some()
             || self.output.answers_pile_up()
             || self.desk.is_held()
+            || self.blobs.is_held()
     }
 
     /// Whether something is to be sent.
     pub(super) fn has_output(&self) -> bool {
-        !self.output.is_empty() || self.replay.is_some() || self.desk.has_news()
+        !self.output.is_empty() || self.replay.as_ref().is_some_and(|replay| !replay.what.waits()) || self.desk.has_news()
     }
 
     /// Whether later commands wait for the answer to a call. It is read from all the same, so that its end is
     /// seen; a client that waits for an answer sends little.
     pub(super) fn awaits_answer(&self) -> bool {
         self.inbound.state() == State::Synchronous
-            && (self.output.has_talks() || self.calls.values().any(|call| matches!(call, Call::Open(_))))
+            && (self.output.has_talks()
+                || self.blobs.is_waiting()
+                || self.calls.values().any(|call| matches!(call, Call::Open(_))))
     }
 
     /// Whether input waits that has not been looked at.

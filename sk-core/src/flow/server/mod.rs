@@ -12,6 +12,7 @@
 //! Once a round the loop calls [`ServerCore::work`] for commands that waited for their turn and
 //! [`ServerCore::tick`] for deadlines.
 
+mod blobs;
 mod books;
 mod channels;
 mod connection;
@@ -118,6 +119,7 @@ pub struct ServerCore {
     channels: Registry<Subscribers>,
     databases: Databases,
     storing: databases::Storing,
+    filing: blobs::Filing,
     /// Connections with commands that wait for their turn.
     work: VecDeque<ConnectionId>,
     dirty: Vec<ConnectionId>,
@@ -153,6 +155,7 @@ impl ServerCore {
             channels: Registry::default(),
             databases: Databases::default(),
             storing: databases::Storing::default(),
+            filing: blobs::Filing::default(),
             work: VecDeque::new(),
             dirty: Vec::new(),
             notices: VecDeque::new(),
@@ -426,6 +429,7 @@ impl ServerCore {
 
     fn after_output(&mut self, id: ConnectionId) {
         self.fill(id);
+        self.go_on_reading(id);
         let Some(connection) = self.connections.get(id) else { return };
         if let Some((reason, _)) = connection.closing {
             if connection.output.is_empty() {

@@ -3,7 +3,7 @@
 use super::super::ChannelRef;
 use super::super::definition::Encoded;
 use super::super::delivery::{Book, Counts, DropReason, Outgoing};
-use super::super::limits::{CONNECTION_BYTES_MAX, CONTROL_BYTES_MAX, FRAGMENT_BYTES_MAX, WIRE_BYTES_AHEAD};
+use super::super::limits::{CONNECTION_BYTES_MAX, CONTROL_BYTES_MAX, FRAGMENT_BYTES_MAX, ITEM_OVERHEAD_BYTES, WIRE_BYTES_AHEAD};
 use super::super::wire::Wire;
 use super::talk::{Talk, TalkKey, Talks};
 use rustc_hash::FxHashMap;
@@ -205,6 +205,16 @@ impl Output {
         self.turns.retain(|turn| *turn != Turn::Talk(key));
         self.bytes -= ended.charge;
         ended.was_begun
+    }
+
+    /// Whether a message of this length would find room now.
+    pub(super) fn has_room_for(&self, bytes: usize) -> bool {
+        self.bytes + bytes + ITEM_OVERHEAD_BYTES <= CONNECTION_BYTES_MAX
+    }
+
+    /// How many messages of this kind and tag wait.
+    pub(super) fn talks_waiting(&self, key: TalkKey) -> usize {
+        self.talks.waiting(key)
     }
 
     /// Whether requests or replies wait.

@@ -1,5 +1,6 @@
 //! The rules of the hub, with its two sides talking through memory.
 
+mod blobs;
 mod channels;
 mod databases;
 mod deadlines;
@@ -14,7 +15,9 @@ mod watches;
 
 use super::super::limits::*;
 use super::super::satellite::{Credentials, SatelliteCore, SatelliteEvent};
-use super::super::{ChannelRef, Command, Flags, Form, Header, Inbound, Policy, Properties, Rights, Tagged};
+use super::super::{
+    ChannelKind, ChannelRef, Command, Flags, Form, Header, Inbound, Policy, Properties, Right, Rights, Tagged,
+};
 use super::*;
 use bytes::Bytes;
 use sk_flat::SkVariant;
