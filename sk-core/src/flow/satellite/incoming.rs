@@ -90,6 +90,7 @@ impl SatelliteCore {
                 self.creating.remove(&tag);
                 self.on_call_over(tag);
                 self.lists.remove(&tag);
+                self.on_blob_refused(tag);
                 self.events.push_back(SatelliteEvent::Refused { tag, code, text });
             }
             // Answers to what this satellite does not ask.
@@ -99,11 +100,11 @@ impl SatelliteCore {
             | Event::Detached { .. }
             | Event::Latest { .. }
             | Event::Credit { .. }
-            | Event::BlobResume { .. }
+            | Event::UserListed { .. } => {}
+            event @ (Event::BlobResume { .. }
             | Event::BlobListed { .. }
             | Event::BlobEntry { .. }
-            | Event::BlobData { .. }
-            | Event::UserListed { .. } => {}
+            | Event::BlobData { .. }) => self.on_blob_event(tag, flags, event),
             event @ (Event::DatabaseSelected { .. }
             | Event::DatabaseListed { .. }
             | Event::KeyListed { .. }

@@ -5,6 +5,7 @@
 //! references here: a subscription by name waits until the channel exists, and comes into force again when
 //! a channel of that name is opened anew.
 
+mod blobs;
 mod databases;
 mod event;
 mod incoming;
@@ -79,6 +80,8 @@ pub struct SatelliteCore {
     /// The requests that wait for an answer of this satellite's.
     requests: BTreeSet<u64>,
     listed: Vec<ChannelInfo>,
+    /// The tags of downloads under way.
+    downloads: BTreeSet<u32>,
     /// Lists of other things under way, by the tags of their commands.
     lists: BTreeMap<u32, databases::List>,
     flow_name: Option<String>,
@@ -123,6 +126,7 @@ impl SatelliteCore {
             calls: BTreeSet::new(),
             requests: BTreeSet::new(),
             listed: Vec::new(),
+            downloads: BTreeSet::new(),
             lists: BTreeMap::new(),
             flow_name: None,
             events: VecDeque::new(),

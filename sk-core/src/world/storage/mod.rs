@@ -23,6 +23,9 @@ pub trait Storage: Send + Sync {
     /// then synchronises the folder, so that the (empty) file survives a power cut.
     fn open(&self, path: &Path, create: bool) -> io::Result<Arc<dyn StoredFile>>;
 
+    /// Opens a file that is there for reading alone.
+    fn open_to_read(&self, path: &Path) -> io::Result<Arc<dyn StoredFile>>;
+
     /// The whole of a file, or an error of kind `InvalidData` if it is longer than `bytes_max`.
     fn read(&self, path: &Path, bytes_max: u64) -> io::Result<Vec<u8>>;
 

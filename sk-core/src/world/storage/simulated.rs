@@ -135,6 +135,10 @@ impl Storage for SimulatedStorage {
         Ok(Arc::new(file))
     }
 
+    fn open_to_read(&self, path: &Path) -> io::Result<Arc<dyn StoredFile>> {
+        self.open(path, false)
+    }
+
     fn read(&self, path: &Path, bytes_max: u64) -> io::Result<Vec<u8>> {
         let disk = self.admitted(Operation::Read)?;
         let file = disk.file(path)?;

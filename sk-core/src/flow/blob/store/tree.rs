@@ -136,7 +136,9 @@ impl BlobStore {
         };
         let left = file.0.len().map_err(paths::disk)?.saturating_sub(offset);
         let mut room = vec![0; bytes.min(usize::try_from(left).unwrap_or(bytes))];
-        file.0.read_at(offset, &mut room).map_err(paths::disk)?;
+        if !room.is_empty() {
+            file.0.read_at(offset, &mut room).map_err(paths::disk)?;
+        }
         Ok(BlobDone::Data { bytes: Bytes::from(room), file })
     }
 }

@@ -78,6 +78,9 @@ impl Storage for Failing {
         let file = self.disk.open(path, create)?;
         Ok(Arc::new(FailingFile { file, disk: self.disk.clone(), trouble: self.trouble.clone() }))
     }
+    fn open_to_read(&self, path: &Path) -> io::Result<Arc<dyn StoredFile>> {
+        self.open(path, false)
+    }
     fn read(&self, path: &Path, bytes_max: u64) -> io::Result<Vec<u8>> {
         self.disk.read(path, bytes_max)
     }
