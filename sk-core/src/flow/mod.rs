@@ -48,7 +48,7 @@ pub use kinds::{ChannelKind, Policy};
 pub use message::{Flow, FlowMessage};
 pub use satellite::{Divisor, TickReport};
 pub use service::{Request, Service};
-pub use sk_flow_sat::{FlowDatabase, SkFlowSat, Variable};
+pub use sk_flow_sat::{BlobProgress, FlowBlob, FlowDatabase, FlowDownload, SkFlowSat, Variable};
 pub use sk_flow_server::SkFlowServer;
 pub use state::State;
 pub use table::{Command, Event};

@@ -1,5 +1,6 @@
 //! A satellite as an object: its link to a hub around a [`SatelliteCore`], and the way back when it breaks.
 
+mod blobs;
 mod clerk;
 mod commands;
 mod database;
@@ -7,6 +8,7 @@ mod events;
 mod services;
 mod sync;
 
+pub use blobs::{BlobProgress, FlowBlob, FlowDownload};
 pub use database::{FlowDatabase, Variable};
 pub(crate) use services::doc_or_map;
 
@@ -81,6 +83,8 @@ pub struct SkFlowSat {
     call_timer: Handle<Timer>,
     /// Its dealings with databases.
     clerk: clerk::Clerk,
+    /// Who carries files.
+    porter: blobs::Porter,
     reconnect: Handle<Timer>,
     reconnect_after: Duration,
     losses: u64,
@@ -260,6 +264,7 @@ impl SkFlowSat {
                 link_number: 0,
                 call_timer,
                 clerk: clerk::Clerk::default(),
+                porter: blobs::Porter::default(),
                 reconnect,
                 reconnect_after: RECONNECT_FIRST,
                 losses: 0,
@@ -338,6 +343,7 @@ impl SkFlowSat {
         self.end_services(cx);
         self.end_sync(cx);
         self.clerk.lose();
+        self.porter.lose();
         if matches!(self.way, Way::Address { .. }) {
             // The timer is this object's child and lives as long as it.
             let _ = self.reconnect.start_once(cx, self.reconnect_after);
@@ -353,6 +359,7 @@ impl SkFlowSat {
         let this = cx.this(self);
         cx.post_own(this, move |cx| {
             database::tell_told(cx, this);
+            blobs::tell_told(cx, this);
             cx.emit_own(this, |satellite| &satellite.lost, &why);
         });
     }
@@ -375,7 +382,7 @@ impl SkFlowSat {
         if let Some(core) = &mut self.core {
             self.clerk.check(core);
         }
-        self.flush_later(cx);
+        self.carry_on(cx);
     }
 
     fn on_destroy(&mut self, cx: &mut Cx) {
@@ -449,8 +456,8 @@ impl SkFlowSat {
     fn next_event(&mut self, cx: &mut Cx) -> Option<SatelliteEvent> {
         let core = self.core.as_mut()?;
         let mut event = core.next_event()?;
-        // What is about databases is told by their own objects.
-        while self.clerk.hear(core, &event) {
+        // What is about databases and blobs is told by their own objects.
+        while self.clerk.hear(core, &event) || self.porter.hear(core, &event) {
             event = core.next_event()?;
         }
         self.note_sync(cx, &event);
@@ -497,7 +504,9 @@ impl SkFlowSat {
         self.clerk.introduce("pulse.mode", &format!("{mode:?}").into());
         if let Some(core) = &mut self.core {
             self.clerk.restore(core);
+            self.porter.restore(core);
         }
+        self.carry_on(cx);
         self.flush_later(cx);
     }
 
