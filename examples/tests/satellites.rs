@@ -107,6 +107,26 @@ fn example_targets_follow_their_source() {
 }
 
 #[test]
+fn example_odometer_goes_on_after_a_kill() {
+    let folder = std::env::temp_dir().join(format!("sk-odometer-{}", std::process::id()));
+    let number =
+        |line: &str, word: &str| line.strip_prefix(word).map(|number| number.parse::<i64>().unwrap());
+    let mut saved = 0;
+    for life in 0..3 {
+        let mut odometer = example("18_odometer", &folder);
+        let mut lines = BufReader::new(odometer.stdout.take().unwrap()).lines().map(Result::unwrap);
+        let found = lines.find_map(|line| number(&line, "found ")).expect("it says what it found");
+        assert!(found >= saved, "life {life}: {saved} were saved, {found} found");
+        saved = lines
+            .find_map(|line| number(&line, "saved ").filter(|saved| *saved >= found + 5))
+            .unwrap();
+        odometer.kill().unwrap();
+        odometer.wait().unwrap();
+    }
+    let _ = std::fs::remove_dir_all(&folder);
+}
+
+#[test]
 fn a_hub_in_a_program_of_ones_own_hears_the_operating_system_through_the_program() {
     // Embedding takes nothing from the program: its signals are its own.
     struct Own(u32);

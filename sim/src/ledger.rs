@@ -172,6 +172,11 @@ impl Ledger {
         }
     }
 
+    /// A connection was let in. A hub that was started anew gives out the ids of its predecessor again.
+    pub(crate) fn was_let_in(&mut self, connection: u64) {
+        self.received.retain(|(known, _), _| *known != connection);
+    }
+
     /// A subscription was given up: the next one of the same connection has a book of its own.
     pub(crate) fn gave_up(&mut self, connection: u64, reference: ChannelRef) {
         self.received.entry((connection, reference)).or_default().muddled = true;

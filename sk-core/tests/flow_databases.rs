@@ -208,7 +208,7 @@ fn a_watch_waits_for_a_database_that_comes_later() {
 }
 
 #[test]
-fn s101_a_whole_world_with_a_store_repeats_exactly() {
+fn a_whole_world_with_a_store_repeats_exactly() {
     let run = |seed| {
         let (simulation, mut app) = world(seed);
         let cx = app.cx();

@@ -136,6 +136,14 @@ fn limits() -> Vec<(&'static str, String)> {
         ("properties, as a variant", bytes(PROPERTIES_BYTES_MAX)),
         ("properties, as JSON", bytes(PROPERTIES_JSON_BYTES_MAX)),
         ("value of a variable, in either form", bytes(VALUE_BYTES_MAX)),
+        ("variables of a database", DATABASE_KEYS_MAX.to_string()),
+        ("keys and values of a database together", bytes(DATABASE_BYTES_MAX)),
+        (
+            "databases of an account that were created by name or saved",
+            DATABASES_PER_ACCOUNT_MAX.to_string(),
+        ),
+        ("watches of a flow", WATCHES_PER_FLOW_MAX.to_string()),
+        ("changes of a flow that wait for the disk", UNSAVED_PER_FLOW_MAX.to_string()),
         ("channels of a hub", CHANNELS_MAX.to_string()),
         ("of them only for the hub, the lowest identifiers", CHANNELS_RESERVED_FOR_HUB.to_string()),
         ("channels of a flow", CHANNELS_PER_FLOW_MAX.to_string()),
@@ -146,8 +154,17 @@ fn limits() -> Vec<(&'static str, String)> {
         ("open requests to the services of one owner", REQUESTS_PER_OWNER_MAX.to_string()),
         ("deadline of a request, default", format!("{DEADLINE_DEFAULT:?}")),
         ("deadline of a request, largest", format!("{DEADLINE_MAX:?}")),
-        ("waiting for one connection", bytes(CONNECTION_BYTES_MAX)),
+        ("channels that repeat one another in a row", REPLICA_LEVELS_MAX.to_string()),
+        ("waiting for one connection, and kept of its channels", bytes(CONNECTION_BYTES_MAX)),
+        ("waiting for all and kept, shared payloads once", bytes(HUB_BYTES_MAX)),
+        ("of that, kept", bytes(KEPT_BYTES_MAX)),
+        (
+            "credit of a reliable channel beyond what its slowest subscriber took",
+            format!("{CREDIT_BYTES} bytes"),
+        ),
         ("waiting control frames of one connection", bytes(CONTROL_BYTES_MAX)),
+        ("connections of one address at once", CONNECTIONS_PER_ADDRESS_BURST.to_string()),
+        ("and then each second", CONNECTIONS_PER_ADDRESS_PER_SECOND.to_string()),
         ("from opening to login", format!("{LOGIN_TIME_MAX:?}")),
         ("silence before a ping", format!("{PING_AFTER:?}")),
         ("silence before the end", format!("{SILENCE_MAX:?}")),
@@ -186,6 +203,80 @@ fn the_fuzz_dictionary_has_the_header_of_every_kind() {
         }
     }
     compare_or_rewrite(&path, &fs::read_to_string(&path).unwrap_or_default(), &made);
+}
+
+/// What Python satellites know of the protocol is made from the same table.
+#[test]
+fn the_python_table_is_the_same_table() {
+    let path = docs("../python/pysketch/src/pysketch/table.py");
+    let mut made = String::from(
+        "# Made from the hub's command table by its tests; do not edit by hand.\n\
+         \"\"\"What the flow protocol's commands, events and codes are: names, numbers and layouts.\"\"\"\n",
+    );
+    for (title, table) in [("COMMANDS", Command::TABLE), ("EVENTS", Event::TABLE)] {
+        let _ = write!(
+            made,
+            "\n# name: (kind, comes in fragments, states, fields after the tag as (name, type))\n{title} = {{\n"
+        );
+        for line in table {
+            python_line(&mut made, line);
+        }
+        made.push_str("}\n");
+    }
+    python_numbers(
+        &mut made,
+        "REFUSALS",
+        RefusalCode::ALL.iter().map(|(code, name, _)| (code.code(), *name)),
+    );
+    python_numbers(
+        &mut made,
+        "CLOSINGS",
+        ClosingReason::ALL.iter().map(|(code, name, _)| (code.code(), *name)),
+    );
+    python_numbers(&mut made, "DROPS", DropReason::ALL.iter().map(|(code, name, _)| (*code as u16, *name)));
+    python_numbers(&mut made, "KINDS", ChannelKind::ALL.iter().map(|(kind, name, _)| (*kind as u16, *name)));
+    python_numbers(
+        &mut made,
+        "POLICIES",
+        Policy::ALL.iter().map(|(policy, name, _)| (*policy as u16, *name)),
+    );
+    let _ = write!(
+        made,
+        "\nMAGIC = b\"{}\"\nVERSION = {VERSION}\nVERSION_OLDEST = {VERSION_OLDEST}\n\
+         FRAGMENT_BYTES_MAX = {FRAGMENT_BYTES_MAX}\nMESSAGE_BYTES_MAX = {MESSAGE_BYTES_MAX}\n\
+         CONNECTION_BYTES_MAX = {CONNECTION_BYTES_MAX}\nDEPTH_MAX = {SUBSCRIPTION_DEPTH_MAX}\n\
+         PING_AFTER_S = {}\nSILENCE_MAX_S = {}\nLOGIN_TIME_MAX_S = {}\n",
+        String::from_utf8_lossy(&MAGIC),
+        PING_AFTER.as_secs_f64(),
+        SILENCE_MAX.as_secs_f64(),
+        LOGIN_TIME_MAX.as_secs_f64(),
+    );
+    compare_or_rewrite(&path, &fs::read_to_string(&path).unwrap_or_default(), &made);
+}
+
+fn python_line(out: &mut String, line: &Definition) {
+    let (name, id, fragment) = (line.name, line.id, if line.fragment { "True" } else { "False" });
+    let states: String = line.states.iter().map(|state| format!("\"{state}\", ")).collect();
+    let fields: Vec<String> = line
+        .fields
+        .iter()
+        .map(|field| format!("(\"{}\", \"{}\")", field.name, field.wire))
+        .collect();
+    let _ = write!(out, "    \"{name}\": ({id:#04x}, {fragment}, ({}), (", states.trim_end());
+    match fields.len() {
+        0 => out.push_str(")),\n"),
+        _ => {
+            let _ = write!(out, "\n        {},\n    )),\n", fields.join(",\n        "));
+        }
+    }
+}
+
+fn python_numbers(out: &mut String, title: &str, rows: impl Iterator<Item = (u16, &'static str)>) {
+    let _ = write!(out, "\n{title} = {{\n");
+    for (number, name) in rows {
+        let _ = writeln!(out, "    {number}: \"{name}\",");
+    }
+    out.push_str("}\n");
 }
 
 #[test]

@@ -160,6 +160,8 @@ impl Member {
 
     fn let_in(&mut self, cx: &mut Cx) {
         self.ready = true;
+        let connection = self.hub.connection(cx).unwrap_or(0);
+        ledger::with(|ledger| ledger.was_let_in(connection));
         ledger::with(|ledger| ledger.note(&[4, self.who.node.into(), cx.clock_now().as_nanos()]));
     }
 

@@ -267,6 +267,8 @@ impl Plain {
     fn let_in(&mut self, cx: &mut Cx) {
         self.ready = true;
         let Some(core) = &mut self.core else { return };
+        let connection = core.connection();
+        ledger::with(|ledger| ledger.was_let_in(connection));
         for channel in &self.own {
             let _ = core.create(&own_name(self.who.node, *channel), &properties());
         }

@@ -182,7 +182,7 @@ impl Cx {
     }
 
     /// The source goes to another object that serves it in its own way.
-    #[cfg(feature = "http")]
+    #[cfg(feature = "websocket")]
     pub(crate) fn pass_source(&mut self, token: Token, owner: ObjectId, dispatch: Dispatch) {
         self.give_source(token, owner);
         if let Some(source) = self.sources.get_mut(token) {

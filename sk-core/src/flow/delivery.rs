@@ -1,85 +1,12 @@
 //! The book of one subscription: which messages wait, which go, which were dropped and why.
 
-use super::codec::ChannelRef;
-use super::definition::{Encoded, TAG_BYTES};
-use super::fragment::Pieces;
-use super::frame::{Flags, HEADER_BYTES};
-use super::limits::{ITEM_OVERHEAD_BYTES, SHARED_PAYLOAD_BYTES_MIN};
-use super::{Event, Message as _};
+use super::Policy;
+use super::definition::Encoded;
+use super::frame::Flags;
+use super::outgoing::{Begun, data};
+pub use super::outgoing::{Budget, Outgoing, charge_of};
 use crate::testing::{Bug, is_planted};
-use bytes::{Bytes, BytesMut};
 use std::collections::VecDeque;
-use std::sync::Arc;
-
-/// The bytes before the payload in a `data` frame.
-const DATA_HEAD_BYTES: usize = HEADER_BYTES + TAG_BYTES + 8;
-
-/// A whole message on its way to the subscribers of a channel, encoded once for all of them. A clone
-/// shares everything.
-#[derive(Clone, Debug)]
-pub struct Outgoing {
-    channel: ChannelRef,
-    message: u32,
-    charge: usize,
-    /// It goes before what waits of other channels.
-    is_tick: bool,
-    fragments: Arc<[Fragment]>,
-}
-
-#[derive(Debug)]
-struct Fragment {
-    payload: Bytes,
-    frame: Encoded,
-}
-
-impl Outgoing {
-    /// Encodes a message as `data` frames.
-    pub fn new(channel: ChannelRef, message: u32, pieces: Pieces) -> Outgoing {
-        let count = pieces.len();
-        let charge = pieces.iter().map(Bytes::len).sum::<usize>() + ITEM_OVERHEAD_BYTES * count;
-        let fragment = |(index, payload)| {
-            Fragment::new(channel, message, Flags::of(index == 0, index + 1 == count), payload)
-        };
-        let fragments = pieces.into_iter().enumerate().map(fragment).collect();
-        Outgoing { channel, message, charge, is_tick: false, fragments }
-    }
-
-    /// Encodes a tick of a sync channel.
-    pub fn tick(channel: ChannelRef, sequence: u64) -> Outgoing {
-        let frame = Event::Tick { channel, sequence }.encode(0, Flags::NONE);
-        let fragments = Arc::new([Fragment { payload: Bytes::new(), frame }]);
-        Outgoing { channel, message: 0, charge: ITEM_OVERHEAD_BYTES, is_tick: true, fragments }
-    }
-
-    /// Whether it goes before what waits of other channels: a tick is small, and late it is worth nothing.
-    pub fn is_tick(&self) -> bool {
-        self.is_tick
-    }
-
-    /// What it is charged to a connection while it waits: its payload and a little for each fragment.
-    pub fn charge(&self) -> usize {
-        self.charge
-    }
-}
-
-impl Fragment {
-    fn new(channel: ChannelRef, message: u32, flags: Flags, payload: Bytes) -> Fragment {
-        let frame = data(channel, message, flags, payload.clone());
-        if payload.len() >= SHARED_PAYLOAD_BYTES_MIN {
-            return Fragment { payload, frame };
-        }
-        // A small payload joins its head: one slice to write instead of two, and no receive buffer kept.
-        let mut joined = BytesMut::with_capacity(frame.len());
-        joined.extend_from_slice(&frame.head);
-        joined.extend_from_slice(&payload);
-        let head = joined.freeze();
-        Fragment { payload: head.slice(DATA_HEAD_BYTES..), frame: Encoded { head, payload: Bytes::new() } }
-    }
-}
-
-fn data(channel: ChannelRef, message: u32, flags: Flags, payload: Bytes) -> Encoded {
-    Event::Data { channel, message, payload }.encode(0, flags)
-}
 
 /// Why a message did not reach a subscriber.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -168,49 +95,57 @@ impl Counts {
     }
 }
 
-/// One subscription's queue with the policy `Latest(depth)` and its counts.
+/// What became of a message that was offered to a book.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Offered {
+    /// It waits; others may have made room for it.
+    Taken,
+    /// It found no room and was dropped.
+    Dropped,
+    /// It found no room and was dropped, and this subscriber must not miss any: its connection is to end.
+    Broken,
+}
+
+/// One subscription's queue with its policy and its counts.
 ///
-/// The policy acts on whole messages that have not begun; a begun one is finished.
+/// `Latest` keeps the newest messages and drops older ones that have not begun; a begun one is finished. `All`
+/// keeps every message; one that finds no room breaks the subscription.
 ///
 /// ```
 /// use bytes::Bytes;
-/// use sk_core::flow::ChannelRef;
-/// use sk_core::flow::delivery::{Book, DropReason, Outgoing};
+/// use sk_core::flow::{ChannelRef, Policy};
+/// use sk_core::flow::delivery::{Book, Budget, DropReason, Outgoing};
 ///
 /// let channel = ChannelRef { id: 2000, epoch: 1 };
-/// let mut book = Book::new(1);
+/// let budget = Budget::default();
+/// let mut book = Book::new(Policy::Latest, 1);
 /// for message in 0..3 {
 ///     let pieces = [Bytes::from_static(b"pulse")].into_iter().collect();
-///     book.offer(&Outgoing::new(channel, message, pieces), usize::MAX);
+///     book.offer(&Outgoing::new(channel, message, pieces, &budget), usize::MAX);
 /// }
 /// assert_eq!(book.counts().dropped[DropReason::NewestWins as usize], 2);
 /// let (frame, ends) = book.next_frame(65_536).expect("the newest waits");
 /// assert!(ends && frame.to_vec().ends_with(b"pulse"));
 /// book.delivered();
-/// assert!(book.counts().balance());
+/// assert!(book.counts().balance() && budget.used() == 0);
 /// ```
 #[derive(Debug)]
 pub struct Book {
+    policy: Policy,
     depth: usize,
     waiting: VecDeque<Outgoing>,
     begun: Option<Begun>,
-    /// Charges of messages whose frames are all handed out and not yet taken by the transport.
-    handed: VecDeque<usize>,
+    /// Messages whose frames are all handed out and not yet taken by the transport.
+    handed: VecDeque<Outgoing>,
     counts: Counts,
     bytes: usize,
 }
 
-#[derive(Debug)]
-struct Begun {
-    message: Outgoing,
-    fragment: usize,
-    offset: usize,
-}
-
 impl Book {
     /// An empty book that keeps at most `depth` messages waiting, at least one.
-    pub fn new(depth: usize) -> Book {
+    pub fn new(policy: Policy, depth: usize) -> Book {
         Book {
+            policy,
             depth: depth.max(1),
             waiting: VecDeque::new(),
             begun: None,
@@ -220,9 +155,15 @@ impl Book {
         }
     }
 
-    /// Changes how many messages wait at most; what is too many now goes with the next offer.
-    pub fn set_depth(&mut self, depth: usize) {
+    /// Changes the policy, and how many messages wait at most. It acts with the next offer.
+    pub fn set_policy(&mut self, policy: Policy, depth: usize) {
+        self.policy = policy;
         self.depth = depth.max(1);
+    }
+
+    /// The policy, and how many messages wait at most.
+    pub fn policy(&self) -> (Policy, usize) {
+        (self.policy, self.depth)
     }
 
     /// The counts.
@@ -240,33 +181,46 @@ impl Book {
         self.begun.is_some() || !self.waiting.is_empty()
     }
 
-    /// Takes a message in. Older ones that have not begun make room: beyond the depth as `NewestWins`,
-    /// beyond `room` bytes as `Full`; if that is not enough, the message itself is dropped as `Full`.
+    /// Takes a message in. Of `Latest`, older ones that have not begun make room: beyond the depth as
+    /// `NewestWins`, beyond `room` bytes as `Full`; if that is not enough, the message itself is dropped as
+    /// `Full`. Of `All`, what finds no room is dropped as `Full`, which breaks the subscription.
     /// `room` is what the connection may queue beyond all that it queues now, in this book and others.
-    pub fn offer(&mut self, message: &Outgoing, room: usize) {
+    pub fn offer(&mut self, message: &Outgoing, room: usize) -> Offered {
         self.counts.offered += 1;
         let mut room = room;
+        if self.policy == Policy::All && (message.charge() > room || self.waiting.len() >= self.depth) {
+            self.counts.dropped[DropReason::Full as usize] += 1;
+            return Offered::Broken;
+        }
         while message.charge() > room {
-            let Some(old) = self.waiting.pop_front() else {
+            let Some(freed) = self.drop_oldest(DropReason::Full) else {
                 self.counts.dropped[DropReason::Full as usize] += 1;
-                return;
+                return Offered::Dropped;
             };
-            room += old.charge();
-            self.drop_waiting(&old, DropReason::Full);
+            room += freed;
         }
-        while self.waiting.len() >= self.depth {
-            let Some(old) = self.waiting.pop_front() else { break };
-            self.drop_waiting(&old, DropReason::NewestWins);
-        }
+        while self.waiting.len() >= self.depth && self.drop_oldest(DropReason::NewestWins).is_some() {}
         self.bytes += message.charge();
         self.counts.queued += 1;
         self.waiting.push_back(message.clone());
+        Offered::Taken
     }
 
-    /// Notes a message that its publisher gave up before it was whole.
-    pub fn aborted(&mut self) {
+    /// Notes a message that was meant for this subscriber and was dropped before it came here.
+    pub fn missed(&mut self, reason: DropReason) -> Offered {
         self.counts.offered += 1;
-        self.counts.dropped[DropReason::Aborted as usize] += u64::from(!is_planted(Bug::AbortUnbooked));
+        let unbooked = reason == DropReason::Aborted && is_planted(Bug::AbortUnbooked);
+        self.counts.dropped[reason as usize] += u64::from(!unbooked);
+        if self.policy == Policy::All && reason == DropReason::Full {
+            Offered::Broken
+        } else {
+            Offered::Dropped
+        }
+    }
+
+    /// Drops the oldest message that has not begun; answers its charge. A book of `All` keeps it.
+    pub fn shed(&mut self) -> Option<usize> {
+        if self.policy == Policy::All { None } else { self.drop_oldest(DropReason::Full) }
     }
 
     fn next_waiting(&mut self) -> Option<Outgoing> {
@@ -274,8 +228,8 @@ impl Book {
             return self.waiting.pop_back();
         }
         let message = self.waiting.pop_front()?;
-        if is_planted(Bug::SentTwice) && message.message % 8 == 7 {
-            self.offer(&Outgoing { message: message.message + 1, ..message.clone() }, usize::MAX);
+        if is_planted(Bug::SentTwice) && message.message() % 8 == 7 {
+            self.offer(&message.renumbered(message.message() + 1), usize::MAX);
         }
         Some(message)
     }
@@ -285,29 +239,15 @@ impl Book {
     pub fn next_frame(&mut self, payload_max: usize) -> Option<(Encoded, bool)> {
         let mut begun = match self.begun.take() {
             Some(begun) => begun,
-            None => Begun { message: self.next_waiting()?, fragment: 0, offset: 0 },
+            None => Begun::new(self.next_waiting()?),
         };
-        let Outgoing { channel, message, charge, ref fragments, .. } = begun.message;
-        let fragment = &fragments[begun.fragment];
-        let left = fragment.payload.len() - begun.offset;
-        let ends_fragment = left <= payload_max;
-        let ends = ends_fragment && begun.fragment + 1 == fragments.len();
-        let frame = if ends_fragment && begun.offset == 0 {
-            fragment.frame.clone()
-        } else {
-            let piece = fragment.payload.slice(begun.offset..begun.offset + left.min(payload_max));
-            let first = begun.fragment == 0 && begun.offset == 0;
-            data(channel, message, Flags::of(first, ends), piece)
-        };
+        let (flags, piece, whole) = begun.next_piece(payload_max);
+        let (channel, message) = (begun.message.channel(), begun.message.message());
+        let frame = whole.unwrap_or_else(|| data(channel, message, flags, piece));
+        let ends = flags.has(Flags::LAST);
         if ends {
-            self.handed.push_back(charge);
+            self.handed.push_back(begun.message);
         } else {
-            if ends_fragment {
-                begun.fragment += 1;
-                begun.offset = 0;
-            } else {
-                begun.offset += payload_max;
-            }
             self.begun = Some(begun);
         }
         Some((frame, ends))
@@ -316,11 +256,22 @@ impl Book {
     /// Notes that the transport took the last byte of the oldest message whose frames were all handed
     /// out, and answers its charge.
     pub fn delivered(&mut self) -> usize {
-        let Some(charge) = self.handed.pop_front() else { return 0 };
-        self.bytes -= charge;
+        let Some(message) = self.handed.pop_front() else { return 0 };
+        self.bytes -= message.charge();
         self.counts.queued -= 1;
         self.counts.delivered += 1;
-        charge
+        message.charge()
+    }
+
+    /// Begins anew what no transport has taken whole: for a peer that comes back over another connection and
+    /// knows nothing of what was half-sent over this one.
+    pub fn restart(&mut self) {
+        if let Some(begun) = self.begun.take() {
+            self.waiting.push_front(begun.message);
+        }
+        while let Some(message) = self.handed.pop_back() {
+            self.waiting.push_front(message);
+        }
     }
 
     /// Ends the book: what is queued is dropped for `reason`, what is half-written too.
@@ -330,24 +281,30 @@ impl Book {
         self.counts
     }
 
-    fn drop_waiting(&mut self, old: &Outgoing, reason: DropReason) {
+    fn drop_oldest(&mut self, reason: DropReason) -> Option<usize> {
+        let old = self.waiting.pop_front()?;
         self.bytes -= old.charge();
         self.counts.queued -= 1;
         self.counts.dropped[reason as usize] += 1;
+        Some(old.charge())
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::frame::Header;
+    use super::super::codec::ChannelRef;
+    use super::super::frame::{HEADER_BYTES, Header};
+    use super::super::limits::SHARED_PAYLOAD_BYTES_MIN;
+    use super::super::outgoing::DATA_HEAD_BYTES;
     use super::*;
+    use bytes::Bytes;
     use proptest::prelude::*;
 
     const CHANNEL: ChannelRef = ChannelRef { id: 2000, epoch: 1 };
 
     fn message(id: u32, pieces: &[usize]) -> Outgoing {
         let pieces = pieces.iter().map(|length| Bytes::from(vec![id as u8; *length])).collect();
-        Outgoing::new(CHANNEL, id, pieces)
+        Outgoing::new(CHANNEL, id, pieces, &Budget::default())
     }
 
     fn ids(book: &mut Book) -> Vec<u32> {
@@ -361,7 +318,7 @@ mod tests {
 
     #[test]
     fn the_newest_messages_win_and_a_begun_one_is_finished() {
-        let mut book = Book::new(2);
+        let mut book = Book::new(Policy::Latest, 2);
         book.offer(&message(1, &[10, 10]), usize::MAX);
         book.next_frame(65_536).expect("message 1 begins");
         for id in 2..6 {
@@ -377,7 +334,7 @@ mod tests {
 
     #[test]
     fn without_room_old_messages_go_and_then_the_new_one() {
-        let mut book = Book::new(9);
+        let mut book = Book::new(Policy::Latest, 9);
         book.offer(&message(1, &[1000]), 1064);
         book.offer(&message(2, &[1000]), 0);
         assert_eq!(book.counts().dropped[DropReason::Full as usize], 1);
@@ -388,7 +345,7 @@ mod tests {
 
     #[test]
     fn a_subscriber_with_smaller_fragments_gets_the_same_bytes() {
-        let mut book = Book::new(9);
+        let mut book = Book::new(Policy::Latest, 9);
         book.offer(&message(1, &[700, 300, 2000]), usize::MAX);
         let mut payload = Vec::new();
         let mut flags = Vec::new();
@@ -409,8 +366,9 @@ mod tests {
     #[test]
     fn a_large_payload_is_shared_and_a_small_one_joins_its_head() {
         let large = Bytes::from(vec![0; SHARED_PAYLOAD_BYTES_MIN]);
-        let mut book = Book::new(9);
-        book.offer(&Outgoing::new(CHANNEL, 1, [large.clone()].into_iter().collect()), usize::MAX);
+        let mut book = Book::new(Policy::Latest, 9);
+        let pieces = [large.clone()].into_iter().collect();
+        book.offer(&Outgoing::new(CHANNEL, 1, pieces, &Budget::default()), usize::MAX);
         book.offer(&message(2, &[SHARED_PAYLOAD_BYTES_MIN - 1]), usize::MAX);
         let (frame, _) = book.next_frame(65_536).expect("the large one");
         assert_eq!(frame.payload.as_ptr(), large.as_ptr());
@@ -418,20 +376,74 @@ mod tests {
         assert!(frame.payload.is_empty());
     }
 
+    #[test]
+    fn who_must_not_miss_any_breaks_at_one_more_than_its_depth() {
+        for (count, breaks) in [(2, false), (3, false), (4, true)] {
+            let mut book = Book::new(Policy::All, 3);
+            let last = (0..count).map(|id| book.offer(&message(id, &[10]), usize::MAX)).last();
+            assert_eq!(last == Some(Offered::Broken), breaks, "{count} messages");
+            assert!(book.counts().balance());
+            assert_eq!(book.counts().queued, u64::from(count.min(3)), "what was taken stays");
+        }
+        let charge = message(1, &[10]).charge();
+        for (room, taken) in [(charge - 1, false), (charge, true), (charge + 1, true)] {
+            let mut book = Book::new(Policy::All, 3);
+            assert_eq!(book.offer(&message(1, &[10]), room) == Offered::Taken, taken, "{room} bytes");
+        }
+        let mut book = Book::new(Policy::All, 1);
+        book.offer(&message(1, &[10]), usize::MAX);
+        book.set_policy(Policy::Latest, 1);
+        assert_eq!(
+            book.offer(&message(2, &[10]), usize::MAX),
+            Offered::Taken,
+            "it may miss some from now on"
+        );
+    }
+
+    #[test]
+    fn a_book_that_begins_anew_sends_again_what_was_not_taken_whole() {
+        let mut book = Book::new(Policy::All, 9);
+        for id in 1..5 {
+            book.offer(&message(id, &[600]), usize::MAX);
+        }
+        (0..2).for_each(|_| drop(book.next_frame(65_536)));
+        book.next_frame(300);
+        book.delivered();
+        book.restart();
+        assert_eq!(ids(&mut book), [2, 3, 4], "message 1 was delivered");
+        assert!(book.counts().balance() && book.counts().queued == 3);
+    }
+
     proptest! {
         #[test]
         fn the_books_balance_whatever_happens(
             depth in 1_usize..6,
-            steps in prop::collection::vec((0_u8..6, prop::collection::vec(1_usize..600, 1..4)), 0..100),
-            reason in 0_usize..5,
+            steps in prop::collection::vec((0_u8..10, prop::collection::vec(1_usize..600, 1..4)), 0..100),
+            reason in 0_usize..DropReason::ALL.len(),
         ) {
-            let mut book = Book::new(depth);
+            let budget = Budget::default();
+            let mut book = Book::new(Policy::Latest, depth);
             let mut handed = 0;
             for (step, pieces) in steps {
                 match step {
-                    0..=2 => book.offer(&message(1, &pieces), 2000_usize.saturating_sub(book.bytes())),
-                    3 => book.aborted(),
+                    0..=2 => {
+                        let pieces = pieces.iter().map(|length| Bytes::from(vec![1; *length])).collect();
+                        let room = 2000_usize.saturating_sub(book.bytes());
+                        book.offer(&Outgoing::new(CHANNEL, 1, pieces, &budget), room);
+                    }
+                    3 => {
+                        book.missed(DropReason::Aborted);
+                    }
                     4 => handed += u32::from(book.next_frame(300).is_some_and(|(_, ends)| ends)),
+                    5 => {
+                        book.shed();
+                    }
+                    6 => book.set_policy(Policy::All, depth),
+                    7 => book.set_policy(Policy::Latest, pieces.len()),
+                    8 => {
+                        book.restart();
+                        handed = 0;
+                    }
                     _ => {
                         let taken = book.delivered() > 0;
                         prop_assert_eq!(taken, handed > 0);
@@ -440,9 +452,11 @@ mod tests {
                 }
                 prop_assert!(book.counts().balance(), "{:?}", book.counts());
                 prop_assert!(book.bytes() <= 2000 && (book.bytes() == 0) == (book.counts().queued == 0));
+                prop_assert_eq!(budget.used(), book.bytes(), "one queue holds them all");
             }
             let end = book.close(DropReason::ALL[reason].0);
             prop_assert!(end.balance() && end.queued == 0);
+            prop_assert_eq!(budget.used(), 0);
         }
     }
 }

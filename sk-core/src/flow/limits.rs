@@ -41,6 +41,9 @@ pub const SUBSCRIPTION_DEPTH_DEFAULT: u16 = 64;
 /// How many whole messages a subscription may ask to keep.
 pub const SUBSCRIPTION_DEPTH_MAX: u16 = 1_024;
 
+/// How many channels may repeat one another in a row.
+pub const REPLICA_LEVELS_MAX: usize = 8;
+
 /// How many requests one connection may have open at services, those it is still sending included.
 pub const REQUESTS_PER_ASKER_MAX: usize = 64;
 /// How many open requests the services of one owner may have together; a hub's own services too.
@@ -60,6 +63,14 @@ pub const SYNC_GOOD_TIME_MAX: Duration = Duration::from_secs(60);
 
 /// What may wait for one connection, payloads counted in full. Beyond it its messages are dropped.
 pub const CONNECTION_BYTES_MAX: usize = 32 * 1024 * 1024;
+/// What may wait for all connections together, and be kept for late joiners, shared payloads counted once.
+pub const HUB_BYTES_MAX: usize = 256 * 1024 * 1024;
+/// What is kept of it for late joiners and for those who poll, at most.
+pub const KEPT_BYTES_MAX: usize = HUB_BYTES_MAX / 2;
+/// How much a hub that has too many bytes waiting drops at once, so that it need not look for room each time.
+pub const SHED_BYTES: usize = HUB_BYTES_MAX / 16;
+/// How far the owner of a reliable channel may be ahead of its slowest subscriber before it has to wait.
+pub const CREDIT_BYTES: u64 = 1024 * 1024;
 /// What unfinished messages of one connection may hold together.
 pub const UNFINISHED_BYTES_MAX: usize = 32 * 1024 * 1024;
 /// What one fragment or one waiting message is charged beyond its payload.
@@ -103,10 +114,29 @@ pub const BLOB_READS_PER_CONNECTION_MAX: usize = 16;
 /// How much of a file is read from the disk at once.
 pub const BLOB_CHUNK_BYTES: usize = 256 * 1024;
 
+/// How many accounts a hub has.
+pub const ACCOUNTS_MAX: usize = 1_024;
+/// The longest name of an account: its logins must fit into the messages before login.
+pub const ACCOUNT_NAME_BYTES_MAX: usize = 64;
+/// How many patterns one right of an account may have.
+pub const PATTERNS_PER_RIGHT_MAX: usize = 64;
+
 /// How many connections a hub serves at once.
 pub const CONNECTIONS_MAX: usize = 16_384;
 /// How many connections may be open at once without a login.
 pub const UNAUTHENTICATED_MAX: usize = 1_024;
+/// How many connections one address may open at once, and how many a second after that.
+pub const CONNECTIONS_PER_ADDRESS_BURST: u64 = 512;
+/// See [`CONNECTIONS_PER_ADDRESS_BURST`].
+pub const CONNECTIONS_PER_ADDRESS_PER_SECOND: u64 = 256;
+/// How many addresses are remembered for such limits.
+pub const ADDRESSES_MAX: usize = 4_096;
+/// How many logins from one address may fail within [`FAILED_LOGINS_WINDOW`]; further ones are answered late.
+pub const FAILED_LOGINS_FREE: u32 = 5;
+/// See [`FAILED_LOGINS_FREE`].
+pub const FAILED_LOGINS_WINDOW: Duration = Duration::from_secs(60);
+/// How late.
+pub const FAILED_LOGIN_DELAY: Duration = Duration::from_secs(1);
 /// The time from the opening of a connection to its login, all of it.
 pub const LOGIN_TIME_MAX: Duration = Duration::from_secs(2);
 /// A side that heard nothing for this long asks with a ping.
@@ -129,6 +159,8 @@ const _: () = {
     assert!(MESSAGE_BYTES_MAX <= UNFINISHED_BYTES_MAX && MESSAGE_BYTES_MAX <= CONNECTION_BYTES_MAX);
     assert!(CHANNELS_MAX == i16::MAX as usize + 1 && CHANNELS_RESERVED_FOR_HUB < CHANNELS_MAX);
     assert!(PROPERTIES_JSON_BYTES_MAX < CONTROL_BYTES_MAX && VALUE_BYTES_MAX < CONTROL_BYTES_MAX / 2);
+    assert!(CREDIT_BYTES as usize + MESSAGE_BYTES_MAX < CONNECTION_BYTES_MAX);
+    assert!(CONNECTION_BYTES_MAX <= KEPT_BYTES_MAX && SHED_BYTES >= MESSAGE_BYTES_MAX);
     assert!(VERSION_OLDEST <= VERSION);
     assert!(REQUESTS_PER_ASKER_MAX < REQUESTS_PER_OWNER_MAX);
 };

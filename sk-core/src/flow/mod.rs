@@ -26,8 +26,11 @@ mod kinds;
 pub mod limits;
 pub mod login;
 mod message;
-
+mod outgoing;
+pub mod report;
+pub mod rights;
 pub mod satellite;
+pub mod scram;
 pub mod server;
 mod service;
 mod sk_flow_sat;

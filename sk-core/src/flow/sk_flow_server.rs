@@ -254,6 +254,11 @@ impl SkFlowServer {
     }
 
     fn take_link(&mut self, cx: &mut Cx, token: Token, link: Box<dyn Link>, origin: Origin, opened: Instant) {
+        if !self.core.admits(origin, opened) {
+            // Too many at once from there: closed without a word, before it costs anything.
+            cx.remove_source(token);
+            return;
+        }
         let mut nonce = [0; 32];
         cx.world().rng.fill(&mut nonce);
         match self.core.open(origin, nonce, opened) {

@@ -134,6 +134,18 @@ impl<const BYTES_MAX: usize, const JSON_BYTES_MAX: usize> ValueOf<BYTES_MAX, JSO
     }
 }
 
+impl Properties {
+    /// Whether the owner asks the hub to keep the last message for late joiners: `latch` is `true`.
+    pub fn is_latched(&self) -> bool {
+        self.variant().get("latch") == Some(&SkVariant::Bool(true))
+    }
+
+    /// Whether the owner waits for its slowest subscriber: `delivery` is `reliable`.
+    pub fn is_reliable(&self) -> bool {
+        self.variant().get("delivery").and_then(SkVariant::as_str) == Some("reliable")
+    }
+}
+
 impl<const BYTES_MAX: usize, const JSON_BYTES_MAX: usize> fmt::Debug for ValueOf<BYTES_MAX, JSON_BYTES_MAX> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:?}({})", self.form, self.variant())

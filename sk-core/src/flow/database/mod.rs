@@ -10,6 +10,8 @@ mod pairs;
 #[cfg(test)]
 mod pairs_tests;
 mod registry;
+#[cfg(test)]
+mod registry_tests;
 mod store;
 
 pub use name::{DatabaseKind, DatabaseName, check_key};

@@ -17,6 +17,8 @@ pub enum DatabaseKind {
     Channel,
     /// A plain name: created and removed by command.
     Named,
+    /// `hub:accounts`: the hub's own. No command names it.
+    Hub,
 }
 
 impl DatabaseKind {
@@ -27,9 +29,12 @@ impl DatabaseKind {
             DatabaseKind::User => "user:",
             DatabaseKind::Channel => "chan:",
             DatabaseKind::Named => "",
+            DatabaseKind::Hub => "hub:",
         }
     }
 }
+
+const ACCOUNTS: &str = "hub:accounts";
 
 /// The name of a database, checked. A clone shares the text.
 ///
@@ -61,6 +66,20 @@ impl DatabaseName {
         Ok(DatabaseName(text.into()))
     }
 
+    /// The database in which a hub keeps its accounts. [`parse`](DatabaseName::parse) does not know it, so no
+    /// command can be about it.
+    pub fn accounts() -> DatabaseName {
+        DatabaseName(ACCOUNTS.into())
+    }
+
+    /// A name as a disk has it: also that of the accounts.
+    ///
+    /// # Errors
+    /// `BadName`.
+    pub fn parse_stored(text: &str) -> Result<DatabaseName, RefusalCode> {
+        if text == ACCOUNTS { Ok(DatabaseName::accounts()) } else { DatabaseName::parse(text) }
+    }
+
     /// The database of an entity. None if its name is so long that no command could name the database.
     pub fn of(kind: DatabaseKind, entity: &Name) -> Option<DatabaseName> {
         let text = format!("{}{entity}", kind.prefix());
@@ -78,6 +97,7 @@ impl DatabaseName {
             None => DatabaseKind::Named,
             Some(("flow", _)) => DatabaseKind::Flow,
             Some(("user", _)) => DatabaseKind::User,
+            Some(("hub", _)) => DatabaseKind::Hub,
             Some(_) => DatabaseKind::Channel,
         }
     }
@@ -90,7 +110,7 @@ impl DatabaseName {
     /// The account that an entity's database belongs to; none for a plain name.
     pub fn account(&self) -> Option<&str> {
         match self.kind() {
-            DatabaseKind::Named => None,
+            DatabaseKind::Named | DatabaseKind::Hub => None,
             DatabaseKind::User => Some(self.entity()),
             DatabaseKind::Flow | DatabaseKind::Channel => self.entity().split('.').next(),
         }
@@ -141,7 +161,9 @@ mod tests {
             let name = DatabaseName::parse(text).expect("well formed");
             assert_eq!((name.kind(), name.account(), name.as_str()), (kind, account, text));
         }
-        for bad in ["", ":", "flow:", "disk:x", "Arm", "flow:a:b", "a b", "../x", "flow:../x\0", "ü"] {
+        for bad in
+            ["", ":", "hub:accounts", "flow:", "disk:x", "Arm", "flow:a:b", "a b", "../x", "flow:../x\0", "ü"]
+        {
             assert_eq!(DatabaseName::parse(bad), Err(RefusalCode::BadName), "{bad:?}");
         }
     }

@@ -67,7 +67,7 @@ impl Watcher {
 
 proptest! {
     #[test]
-    fn a_database_is_a_sorted_map_and_a_watcher_ends_up_with_all_of_it(steps in steps(), deletions in 0..6_usize) {
+    fn s97_a_database_is_a_sorted_map_and_a_watcher_ends_up_with_all_of_it(steps in steps(), deletions in 0..6_usize) {
         let mut database = PairDatabase::with_room(1 << 40, Room { deletions, ..Room::default() });
         let mut model: BTreeMap<String, u8> = BTreeMap::new();
         let mut watcher = Watcher { cursor: 1 << 40, ..Watcher::default() };

@@ -17,6 +17,8 @@ pub enum Entity {
     Channel(ChannelRef),
     /// An account.
     User,
+    /// The hub itself.
+    Hub,
 }
 
 /// What is known of a database that is on the disk.
@@ -248,7 +250,8 @@ impl Databases {
         if self.open(name).is_none() {
             let base = self.base();
             let account = name.account().unwrap_or_default().into();
-            self.put(name, base, account, name.kind() == DatabaseKind::User);
+            let durable = matches!(name.kind(), DatabaseKind::User | DatabaseKind::Hub);
+            self.put(name, base, account, durable);
         }
         match self.places.get_mut(name).map(|place| &mut place.contents) {
             Some(Held::Open(open)) => Ok(open),
@@ -383,7 +386,7 @@ impl Databases {
 
     /// Takes in what is on the disk, when the hub starts.
     pub fn found(&mut self, name: DatabaseName, saved: Saved) {
-        if name.kind() != DatabaseKind::User {
+        if !matches!(name.kind(), DatabaseKind::User | DatabaseKind::Hub) {
             self.accounts.entry(saved.account.clone()).or_default().databases += 1;
         }
         self.places.entry(name).or_default().saved = Some(Box::new(saved));
@@ -463,7 +466,8 @@ impl Databases {
             _ => Bound::Included(prefix),
         };
         let mut rest = self.places.range::<str, _>((from, Bound::Unbounded));
-        let (name, place) = rest.find(|(name, place)| place.exists(name.kind()))?;
+        let (name, place) =
+            rest.find(|(name, place)| name.kind() != DatabaseKind::Hub && place.exists(name.kind()))?;
         if !name.as_str().starts_with(prefix) {
             return None;
         }

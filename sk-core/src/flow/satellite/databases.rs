@@ -53,7 +53,7 @@ impl SatelliteCore {
 
     /// The full name of this flow, once it is one: `user.name`. Its database is `flow:` and that.
     pub fn flow_name(&self) -> Option<&str> {
-        self.flow_name.as_deref()
+        self.flow_full_name.as_deref()
     }
 
     pub(super) fn on_database_event(&mut self, tag: u32, event: Event) {

@@ -140,6 +140,35 @@ pub enum SatelliteEvent {
         /// What is known of the channel now.
         info: ChannelInfo,
     },
+    /// A channel of one's own repeats another one from here on.
+    Attached {
+        /// What was asked.
+        tag: u32,
+        /// One's own channel.
+        replica: ChannelRef,
+        /// The one it repeats.
+        source: ChannelRef,
+    },
+    /// A channel of one's own repeats no more.
+    Detached {
+        /// What was asked; 0 if the source, or the right to it, has gone.
+        tag: u32,
+        /// One's own channel.
+        replica: ChannelRef,
+        /// The one it repeated; of epoch 0 if there was none.
+        source: ChannelRef,
+    },
+    /// The answer to `poll`: the newest message.
+    Latest {
+        /// What was asked.
+        tag: u32,
+        /// The channel.
+        channel: ChannelRef,
+        /// Its bytes.
+        payload: Bytes,
+    },
+    /// After `publish` was turned away: the slowest subscriber of this reliable channel has caught up.
+    Room(ChannelRef),
     /// Commands may be given now. A flow knows all channels at this point.
     Ready,
     /// A channel of this satellite's own exists now.
@@ -294,7 +323,10 @@ pub enum SatelliteError {
     /// Nobody waits for an answer to this request any more, or it was never this satellite's.
     #[error("nobody waits for the answer to request {0}")]
     NoRequest(u64),
-    /// Too much waits to be sent.
+    /// The satellite has opened no channel of this name.
+    #[error("this satellite has opened no channel `{0}`")]
+    NotOpen(String),
+    /// Too much waits to be sent, or for the slowest subscriber of a reliable channel.
     #[error("too many bytes wait to be sent")]
     Full,
     /// The message is longer than was agreed with the hub.

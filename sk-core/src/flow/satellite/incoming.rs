@@ -4,13 +4,26 @@ use super::super::delivery::DropReason;
 use super::super::error::ProtocolError;
 use super::super::fragment::{Gathered, joined};
 use super::super::limits::{FRAGMENT_BYTES_MIN, MAGIC, VERSION, VERSION_OLDEST};
+use super::super::server::Session;
 use super::super::{ChannelRef, Command, Event, Flags, Form, Tagged};
 use super::sending::Stream;
 use super::services::{Asked, Incoming};
-use super::{ChannelInfo, Credentials, Own, SatelliteCore, SatelliteEvent, TickReport, latest};
+use super::{ChannelInfo, Credentials, Credit, Own, SatelliteCore, SatelliteEvent, TickReport, hear};
 use bytes::Bytes;
 use sk_flat::Name;
 use std::time::Duration;
+
+impl Own {
+    /// A channel that nobody listens to yet. Of a reliable one the hub says what may be published.
+    fn of(info: &ChannelInfo) -> Own {
+        Own {
+            listened: false,
+            latched: info.properties.is_latched(),
+            credit: info.properties.is_reliable().then(Credit::default),
+            next_message: 0,
+        }
+    }
+}
 
 impl SatelliteCore {
     pub(super) fn on_event(&mut self, tagged: Tagged<Event>) -> Result<(), ProtocolError> {
@@ -26,10 +39,9 @@ impl SatelliteCore {
                 self.outbox.command(&Command::Pong {}, tag);
             }
             Event::Pong {} => self.events.push_back(SatelliteEvent::Pong { tag }),
-            Event::FlowBegun { name, .. } => {
-                self.inbound.advance();
-                self.flow_name = Some(name);
-                self.events.push_back(SatelliteEvent::Ready);
+            Event::FlowBegun { name, session, resumed, .. } => {
+                self.flow_full_name = Some(name);
+                self.flow_begun(session, resumed != 0);
             }
             Event::ChannelListed { channel, kind, hash, owner, name, properties } => {
                 self.listed.push(ChannelInfo { channel, kind, hash, owner, name, properties });
@@ -62,6 +74,9 @@ impl SatelliteCore {
             Event::HeaderChanged { channel, properties } => {
                 if let Some(info) = self.channels.get_mut(&channel) {
                     info.properties = properties;
+                    if let Some(own) = self.own.get_mut(&channel) {
+                        own.latched = info.properties.is_latched();
+                    }
                     let info = info.clone();
                     self.events.push_back(SatelliteEvent::HeaderChanged { tag, info });
                 }
@@ -86,20 +101,30 @@ impl SatelliteCore {
             }
             Event::RequestOver { request } => self.on_request_over(request),
             Event::Reply { more, payload } => self.on_reply(tag, flags, more, payload)?,
+            Event::Attached { replica, source } => {
+                self.events.push_back(SatelliteEvent::Attached { tag, replica, source });
+            }
+            Event::Detached { replica, source } => {
+                self.events.push_back(SatelliteEvent::Detached { tag, replica, source });
+            }
+            Event::Latest { channel, message, payload } => {
+                self.latest(tag, flags, channel, message, payload)?
+            }
+            Event::Credit { channel, bytes } => self.credited(channel, bytes),
             Event::Refused { code, text } => {
                 self.creating.remove(&tag);
                 self.on_call_over(tag);
                 self.lists.remove(&tag);
                 self.on_blob_refused(tag);
+                if tag != 0 && tag == self.becoming {
+                    // This connection can become nothing any more.
+                    self.closing = true;
+                }
                 self.events.push_back(SatelliteEvent::Refused { tag, code, text });
             }
             // Answers to what this satellite does not ask.
             Event::ScramChallenge { .. }
             | Event::UdpOpened { .. }
-            | Event::Attached { .. }
-            | Event::Detached { .. }
-            | Event::Latest { .. }
-            | Event::Credit { .. }
             | Event::UserListed { .. } => {}
             event @ (Event::BlobResume { .. }
             | Event::BlobListed { .. }
@@ -170,11 +195,26 @@ impl SatelliteCore {
         self.inbound.advance();
         self.events.push_back(SatelliteEvent::LoggedIn { user, connection });
         if self.wants_flow {
-            self.send(&Command::SetAsync { name: String::new(), session: [0; 16], form: Form::Binary });
+            let name = self.flow_name.clone();
+            self.becoming = self.send(&Command::SetAsync { name, session: self.session, form: Form::Binary });
         } else {
             self.events.push_back(SatelliteEvent::Ready);
         }
         Ok(())
+    }
+
+    fn flow_begun(&mut self, session: Session, resumed: bool) {
+        self.inbound.advance();
+        self.becoming = 0;
+        (self.session, self.resumed) = (session, resumed);
+        let inherited: Vec<ChannelInfo> =
+            self.channels().filter(|info| info.owner == self.connection).cloned().collect();
+        for info in inherited {
+            self.own.insert(info.channel, Own::of(&info));
+            let (channel, name) = (info.channel, info.name);
+            self.events.push_back(SatelliteEvent::Created { tag: 0, channel, name });
+        }
+        self.events.push_back(SatelliteEvent::Ready);
     }
 
     fn added(&mut self, tag: u32, info: ChannelInfo) {
@@ -183,14 +223,15 @@ impl SatelliteCore {
         self.channels.insert(channel, info.clone());
         let created = self.creating.remove(&tag).is_some() && info.owner == self.connection;
         let name = info.name.clone();
-        if let Some(depth) = self.wanted.get(&name) {
-            let command = latest(channel, *depth);
+        if let Some((policy, depth)) = self.wanted.get(&name) {
+            let command = hear(channel, *policy, *depth);
             self.send(&command);
         }
+        let own = created.then(|| Own::of(&info));
         self.follow_if_wanted(&info);
         self.events.push_back(SatelliteEvent::ChannelAdded(info));
-        if created {
-            self.own.insert(channel, Own { listened: false, next_message: 0 });
+        if let Some(own) = own {
+            self.own.insert(channel, own);
             self.events.push_back(SatelliteEvent::Created { tag, channel, name });
         }
     }
@@ -213,9 +254,44 @@ impl SatelliteCore {
         if listened {
             self.events.push_back(SatelliteEvent::StartPublishing(channel));
         } else {
-            self.lost += self.outbox.stop(channel) as u64;
+            if !own.latched {
+                let (count, cost) = self.outbox.stop(channel);
+                self.lost += count as u64;
+                if let Some(credit) = &mut own.credit {
+                    credit.used -= cost as u64;
+                }
+            }
             self.events.push_back(SatelliteEvent::StopPublishing(channel));
         }
+    }
+
+    fn credited(&mut self, channel: ChannelRef, bytes: u64) {
+        let Some(own) = self.own.get_mut(&channel) else { return };
+        let credit = own.credit.get_or_insert_default();
+        credit.granted = bytes;
+        if credit.used < bytes && std::mem::take(&mut credit.wanted) {
+            self.events.push_back(SatelliteEvent::Room(channel));
+        }
+    }
+
+    fn latest(
+        &mut self,
+        tag: u32,
+        flags: Flags,
+        channel: ChannelRef,
+        message: u32,
+        payload: Bytes,
+    ) -> Result<(), ProtocolError> {
+        let max = self.inbound.message_bytes_max();
+        match self.polled.take(tag, message, flags, payload, max)? {
+            Gathered::More | Gathered::Ignored | Gathered::Aborted => {}
+            Gathered::Overfull => self.lost += 1,
+            Gathered::Whole(pieces) => {
+                let payload = joined(pieces);
+                self.events.push_back(SatelliteEvent::Latest { tag, channel, payload });
+            }
+        }
+        Ok(())
     }
 
     fn data(

@@ -6,6 +6,7 @@
 //! a channel of that name is opened anew.
 
 mod blobs;
+mod channels;
 mod databases;
 mod event;
 mod incoming;
@@ -27,6 +28,7 @@ use super::limits::{
     LOGIN_TIME_MAX, PING_AFTER, SILENCE_MAX, SUBSCRIPTION_DEPTH_MAX, VERSION, VERSION_OLDEST,
 };
 use super::login::{Nonce, OwnerToken};
+use super::server::Session;
 use super::wire::Slices;
 use super::{ChannelRef, Command, Event, Form, Inbound, Policy, Properties, State};
 use bytes::Bytes;
@@ -49,7 +51,19 @@ pub enum Credentials {
 #[derive(Debug)]
 struct Own {
     listened: bool,
+    /// The hub keeps its last message, so that it is worth sending while nobody listens.
+    latched: bool,
+    credit: Option<Credit>,
     next_message: u32,
+}
+
+/// What may be published on a reliable channel.
+#[derive(Debug, Default)]
+struct Credit {
+    used: u64,
+    granted: u64,
+    /// A message was turned away for want of it.
+    wanted: bool,
 }
 
 /// A connection to a hub without its socket; see the example of
@@ -64,12 +78,19 @@ pub struct SatelliteCore {
     hub_nonce: Nonce,
     user: Option<Name>,
     connection: u64,
+    /// What to call the flow, or empty.
+    flow_name: String,
+    /// Of the flow before, whose place this one is to take; then its own.
+    session: Session,
+    resumed: bool,
+    /// The tag of `set_async`, until it is answered.
+    becoming: u32,
     /// All channels, for a flow.
     channels: FxHashMap<ChannelRef, ChannelInfo>,
     names: BTreeMap<String, ChannelRef>,
     own: FxHashMap<ChannelRef, Own>,
-    /// Names that the user wants to hear, with the depth.
-    wanted: BTreeMap<String, u16>,
+    /// Names that the user wants to hear, with the policy and the depth.
+    wanted: BTreeMap<String, (Policy, u16)>,
     /// Names of sync channels to be followed.
     followed: BTreeMap<String, Divisor>,
     /// Names whose creation was asked, by tag.
@@ -79,12 +100,15 @@ pub struct SatelliteCore {
     calls: BTreeSet<u32>,
     /// The requests that wait for an answer of this satellite's.
     requests: BTreeSet<u64>,
+    /// Answers to polls, by tag.
+    polled: Gathering<u32>,
     listed: Vec<ChannelInfo>,
     /// The tags of downloads under way.
     downloads: BTreeSet<u32>,
     /// Lists of other things under way, by the tags of their commands.
     lists: BTreeMap<u32, databases::List>,
-    flow_name: Option<String>,
+    /// The full name of the flow, once it is one.
+    flow_full_name: Option<String>,
     events: VecDeque<SatelliteEvent>,
     next_tag: u32,
     lost: u64,
@@ -99,6 +123,26 @@ impl SatelliteCore {
     /// `Rng`, new for each connection.
     pub fn flow(credentials: Credentials, nonce: Nonce, now: Instant) -> SatelliteCore {
         SatelliteCore::begin(credentials, nonce, true, now)
+    }
+
+    /// The same with a name for the flow: the hub calls it `account.name`, and refuses a second one of that name.
+    pub fn named(mut self, name: &str) -> SatelliteCore {
+        self.name_flow(name);
+        self
+    }
+
+    /// The same for a core that has not logged in yet; later it is of no effect.
+    pub fn name_flow(&mut self, name: &str) {
+        name.clone_into(&mut self.flow_name);
+    }
+
+    /// The same that takes the place of an earlier flow, if the hub still has that: its name, channels,
+    /// subscriptions and current database, with all that waits. The earlier flow's [`session`] proves that it may.
+    ///
+    /// [`session`]: SatelliteCore::session
+    pub fn resuming(mut self, session: Session) -> SatelliteCore {
+        self.session = session;
+        self
     }
 
     /// A connection that stays synchronous: for a list, and then to be closed.
@@ -116,6 +160,10 @@ impl SatelliteCore {
             hub_nonce: [0; 32],
             user: None,
             connection: 0,
+            flow_name: String::new(),
+            session: [0; 16],
+            resumed: false,
+            becoming: 0,
             channels: FxHashMap::default(),
             names: BTreeMap::new(),
             own: FxHashMap::default(),
@@ -123,12 +171,13 @@ impl SatelliteCore {
             followed: BTreeMap::new(),
             creating: BTreeMap::new(),
             gathering: Gathering::default(),
+            polled: Gathering::default(),
             calls: BTreeSet::new(),
             requests: BTreeSet::new(),
             listed: Vec::new(),
             downloads: BTreeSet::new(),
             lists: BTreeMap::new(),
-            flow_name: None,
+            flow_full_name: None,
             events: VecDeque::new(),
             next_tag: 0,
             lost: 0,
@@ -205,6 +254,21 @@ impl SatelliteCore {
         self.connection
     }
 
+    /// The session of this flow, once it is one: who proves it may take this flow's place.
+    pub fn session(&self) -> Session {
+        self.session
+    }
+
+    /// Whether this flow took the place of an earlier one.
+    pub fn is_resumed(&self) -> bool {
+        self.resumed
+    }
+
+    /// Whether the channel of this full name is this flow's own.
+    pub fn owns(&self, name: &str) -> bool {
+        self.names.get(name).is_some_and(|channel| self.own.contains_key(channel))
+    }
+
     /// The channel of a full name, for a flow.
     pub fn channel(&self, name: &str) -> Option<&ChannelInfo> {
         self.channels.get(self.names.get(name)?)
@@ -223,6 +287,12 @@ impl SatelliteCore {
     /// Whether somebody listens to a channel of one's own.
     pub fn is_listened(&self, channel: ChannelRef) -> bool {
         self.own.get(&channel).is_some_and(|own| own.listened)
+    }
+
+    /// Whether it is of any use to publish on a channel of one's own: somebody listens, or the hub keeps the
+    /// last message for who will.
+    pub fn is_worthwhile(&self, channel: ChannelRef) -> bool {
+        self.own.get(&channel).is_some_and(|own| own.listened || own.latched)
     }
 
     /// How many messages were not sent because nobody listened any more, or not received because too many
@@ -266,18 +336,27 @@ impl SatelliteCore {
         self.command(&Command::RemoveChannel { channel })
     }
 
-    /// Publishes a message. Answers `false`, having sent nothing, while nobody listens.
+    /// Publishes a message. Answers `false`, having sent nothing, while nobody listens and the channel has no
+    /// latch.
     ///
     /// # Errors
-    /// If the channel is not one's own, the message is too long, or too much waits: then nothing is sent.
+    /// If the channel is not one's own, the message is too long, or too much waits, here or, of a reliable
+    /// channel, for its slowest subscriber: then nothing is sent. After the latter `Room` says when to go on.
     pub fn publish(&mut self, channel: ChannelRef, payload: Bytes) -> Result<bool, SatelliteError> {
         let max = self.inbound.message_bytes_max();
         let own = self.own.get_mut(&channel).ok_or(SatelliteError::NotOwn(channel))?;
         if payload.len() > max {
             return Err(SatelliteError::TooLong { length: payload.len(), max });
         }
-        if !own.listened {
+        if !own.listened && !own.latched {
             return Ok(false);
+        }
+        let cost = self.outbox.charge(payload.len()) as u64;
+        if let Some(credit) = &mut own.credit
+            && credit.used >= credit.granted
+        {
+            credit.wanted = true;
+            return Err(SatelliteError::Full);
         }
         if !self
             .outbox
@@ -285,23 +364,35 @@ impl SatelliteCore {
         {
             return Err(SatelliteError::Full);
         }
+        if let Some(credit) = &mut own.credit {
+            credit.used += cost;
+        }
         own.next_message = own.next_message.wrapping_add(1);
         Ok(true)
     }
 
-    /// Wants to hear the channel of this full name, now or when it will exist; at most `depth` messages
-    /// wait at the hub, 0 for its default.
+    /// Wants to hear the channel of this full name, now or when it will exist: the newest messages, of which
+    /// at most `depth` wait at the hub, 0 for its default.
     ///
     /// # Errors
     /// If the name cannot be, or the connection is no ready flow.
     pub fn subscribe(&mut self, name: &str, depth: u16) -> Result<(), SatelliteError> {
+        self.subscribe_as(name, Policy::Latest, depth)
+    }
+
+    /// As [`subscribe`](SatelliteCore::subscribe), with a policy. With `All`, the hub ends the connection when
+    /// more than `depth` messages wait.
+    ///
+    /// # Errors
+    /// As [`subscribe`](SatelliteCore::subscribe).
+    pub fn subscribe_as(&mut self, name: &str, policy: Policy, depth: u16) -> Result<(), SatelliteError> {
         self.need_flow("subscribe")?;
         Name::new(name)?;
         let depth = depth.min(SUBSCRIPTION_DEPTH_MAX);
         if let Some(channel) = self.names.get(name).copied() {
-            self.command(&latest(channel, depth))?;
+            self.command(&hear(channel, policy, depth))?;
         }
-        self.wanted.insert(name.to_owned(), depth);
+        self.wanted.insert(name.to_owned(), (policy, depth));
         Ok(())
     }
 
@@ -313,6 +404,18 @@ impl SatelliteCore {
         self.need_flow("unsubscribe")?;
         let known = self.names.get(name).copied();
         if let (Some(_), Some(channel)) = (self.wanted.remove(name), known) {
+            self.command(&Command::Unsubscribe { channel })?;
+        }
+        Ok(())
+    }
+
+    /// Ends a subscription that this flow took over with its place and does not want.
+    ///
+    /// # Errors
+    /// If the connection is no ready flow, or too much waits.
+    pub fn renounce(&mut self, name: &str) -> Result<(), SatelliteError> {
+        self.need_flow("unsubscribe")?;
+        if let Some(channel) = self.names.get(name).copied() {
             self.command(&Command::Unsubscribe { channel })?;
         }
         Ok(())
@@ -406,7 +509,7 @@ impl SatelliteCore {
     }
 }
 
-/// The command for a subscription that hears the newest messages.
-fn latest(channel: ChannelRef, depth: u16) -> Command {
-    Command::Subscribe { channel, policy: Policy::Latest, depth, divisor: 1 }
+/// The command for a subscription to a streaming channel.
+fn hear(channel: ChannelRef, policy: Policy, depth: u16) -> Command {
+    Command::Subscribe { channel, policy, depth, divisor: 1 }
 }

@@ -1,9 +1,8 @@
 //! A satellite's way out: commands first, then one fragment of each publishing channel, call and answer in turn.
 
+use super::super::delivery::charge_of;
 use super::super::fragment::cut;
-use super::super::limits::{
-    CONNECTION_BYTES_MAX, CONTROL_BYTES_MAX, FRAGMENT_BYTES_MAX, ITEM_OVERHEAD_BYTES, WIRE_BYTES_AHEAD,
-};
+use super::super::limits::{CONNECTION_BYTES_MAX, CONTROL_BYTES_MAX, FRAGMENT_BYTES_MAX, WIRE_BYTES_AHEAD};
 use super::super::wire::Wire;
 use super::super::{ChannelRef, Command, Encoded, Flags, Message as _, Path};
 use bytes::Bytes;
@@ -134,9 +133,15 @@ impl Outbox {
         true
     }
 
+    /// What a message costs, here and of the credit of a reliable channel: its payload and a little for each
+    /// fragment.
+    pub(super) fn charge(&self, bytes: usize) -> usize {
+        charge_of(bytes, bytes.div_ceil(self.fragment_bytes_max).max(1))
+    }
+
     /// Queues a message; `false` if there is no room.
     pub(super) fn message(&mut self, kind: Kind, payload: Bytes) -> bool {
-        let charge = payload.len() + ITEM_OVERHEAD_BYTES;
+        let charge = self.charge(payload.len());
         if self.bytes + charge > CONNECTION_BYTES_MAX {
             return false;
         }
@@ -167,19 +172,19 @@ impl Outbox {
         waiting.push_back(sending);
     }
 
-    /// Nobody listens any more: messages that have not begun are dropped. Answers how many.
-    pub(super) fn stop(&mut self, channel: ChannelRef) -> usize {
+    /// Nobody listens any more: messages that have not begun are dropped. Answers how many, and their cost.
+    pub(super) fn stop(&mut self, channel: ChannelRef) -> (usize, usize) {
         self.retain(Stream::Channel(channel), Sending::is_begun)
     }
 
     /// The channel, or the request, is gone: nothing more is sent of it. Answers how many messages that cuts.
     pub(super) fn forget(&mut self, stream: Stream) -> usize {
-        self.retain(stream, |_| false)
+        self.retain(stream, |_| false).0
     }
 
-    fn retain(&mut self, key: Stream, keep: impl Fn(&Sending) -> bool) -> usize {
-        let Some(stream) = self.streams.get_mut(&key) else { return 0 };
-        let before = stream.len();
+    fn retain(&mut self, key: Stream, keep: impl Fn(&Sending) -> bool) -> (usize, usize) {
+        let Some(stream) = self.streams.get_mut(&key) else { return (0, 0) };
+        let (before, bytes_before) = (stream.len(), self.bytes);
         let bytes = &mut self.bytes;
         stream.retain(|sending| {
             let kept = keep(sending);
@@ -191,7 +196,7 @@ impl Outbox {
             self.streams.remove(&key);
             self.turns.retain(|turn| *turn != key);
         }
-        dropped
+        (dropped, bytes_before - self.bytes)
     }
 
     /// Moves frames to the wire.
@@ -243,6 +248,7 @@ impl Outbox {
 #[cfg(test)]
 mod tests {
     use super::super::super::frame::Header;
+    use super::super::super::limits::ITEM_OVERHEAD_BYTES;
     use super::*;
 
     const HEAVY: ChannelRef = ChannelRef { id: 2000, epoch: 1 };
@@ -275,7 +281,7 @@ mod tests {
             assert!(publish(&mut outbox, HEAVY, message, Bytes::from(vec![0; 3 * FRAGMENT_BYTES_MAX])));
         }
         assert!(next(&mut outbox).is_some());
-        assert_eq!(outbox.stop(HEAVY), 2);
+        assert_eq!(outbox.stop(HEAVY), (2, 2 * outbox.charge(3 * FRAGMENT_BYTES_MAX)));
         let flags: Vec<u8> = std::iter::from_fn(|| next(&mut outbox))
             .filter_map(|frame| Some(Header::parse(&frame.head)?.flags))
             .collect();
@@ -286,7 +292,7 @@ mod tests {
     #[test]
     fn what_waits_is_limited_in_bytes() {
         let mut outbox = Outbox::default();
-        let message = Bytes::from(vec![0; 1024 * 1024 - ITEM_OVERHEAD_BYTES]);
+        let message = Bytes::from(vec![0; 1024 * 1024 - 16 * ITEM_OVERHEAD_BYTES]);
         for index in 0..33 {
             assert_eq!(publish(&mut outbox, HEAVY, index, message.clone()), index < 32, "message {index}");
         }

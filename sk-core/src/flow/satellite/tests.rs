@@ -77,7 +77,7 @@ fn a_wanted_name_is_subscribed_to_whenever_a_channel_has_it() {
         let channel = ChannelRef { id, epoch: 1 };
         let sent = core.take().map(|frame| frame.to_vec());
         let tag = core.next_tag;
-        assert_eq!(sent, Some(latest(channel, 3).encode(tag, Flags::NONE).to_vec()));
+        assert_eq!(sent, Some(hear(channel, Policy::Latest, 3).encode(tag, Flags::NONE).to_vec()));
         tell(&mut core, Event::ChannelRemoved { channel }).expect("honest");
         assert!(core.channel("robot.imu").is_none());
     }

@@ -1,28 +1,18 @@
-//! Channels and subscriptions: opening, closing, telling everyone, starting and stopping owners.
+//! Channels: opening, closing, changing, telling everyone.
 
-use super::super::channel::Owner;
+use super::super::channel::{Channel, Owner};
 use super::super::database::{DatabaseKind, Entity};
 use super::super::delivery::DropReason;
-use super::super::error::{ProtocolError, RefusalCode};
-use super::super::limits::{
-    CHANNELS_PER_FLOW_MAX, SUBSCRIPTION_DEPTH_DEFAULT, SUBSCRIPTION_DEPTH_MAX, SUBSCRIPTIONS_PER_FLOW_MAX,
-};
-use super::super::{
-    ChannelKind, ChannelRef, Encoded, Event, Flags, Form, Message, Policy, Properties, Right, State,
-};
+use super::super::error::RefusalCode;
+use super::super::limits::CHANNELS_PER_FLOW_MAX;
+use super::super::{ChannelKind, ChannelRef, Encoded, Event, Flags, Form, Message, Properties, Right};
+use super::audience::Subscribers;
 use super::connection::Incoming;
+use super::permission::owning_right;
 use super::telling::Telling;
-use super::{ConnectionId, Notice, ServerCore, Subscriber, Subscribers, owning_flow};
+use super::{ConnectionId, Notice, ServerCore, owning_flow};
 use crate::testing::{Bug, is_planted};
 use sk_flat::Name;
-
-/// What a subscriber wishes for.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Wish {
-    pub(super) policy: Policy,
-    pub(super) depth: u16,
-    pub(super) divisor: u8,
-}
 
 impl ServerCore {
     pub(super) fn create_channel(
@@ -39,6 +29,7 @@ impl ServerCore {
                     connection.owned.push(channel);
                 }
                 self.tell_added(channel, Some((id, tag)));
+                self.tell_credit(channel);
             }
             Err(code) => self.refuse(id, tag, code),
         }
@@ -56,14 +47,17 @@ impl ServerCore {
         let full = Name::new(name)
             .and_then(|name| Name::compose(user, &name))
             .map_err(|_| RefusalCode::BadName)?;
+        if !connection.rights.allows(owning_right(kind), full.as_str()) && !is_planted(Bug::RightsSkipped) {
+            return Err(RefusalCode::Denied);
+        }
         if connection.owned.len() >= CHANNELS_PER_FLOW_MAX {
             return Err(RefusalCode::TooManyChannels);
         }
         if !properties.is_map() {
             return Err(RefusalCode::BadProperties);
         }
-        self.channels
-            .add(full, kind, Owner::Flow(id.wire()), properties, Subscribers::default())
+        let beside = Subscribers::of(&properties);
+        self.channels.add(full, kind, Owner::Flow(id.wire()), properties, beside)
     }
 
     /// Opens a streaming channel of the hub's own. It outlives every flow; administrators may remove it.
@@ -84,7 +78,8 @@ impl ServerCore {
         if !properties.is_map() {
             return Err(RefusalCode::BadProperties);
         }
-        let channel = self.channels.add(name, kind, Owner::Hub, properties, Subscribers::default())?;
+        let beside = Subscribers::of(&properties);
+        let channel = self.channels.add(name, kind, Owner::Hub, properties, beside)?;
         self.tell_added(channel, None);
         self.settle();
         Ok(channel)
@@ -105,7 +100,7 @@ impl ServerCore {
         let administers = self
             .connections
             .get(id)
-            .is_some_and(|found| found.rights.has(Right::Administer));
+            .is_some_and(|found| found.rights.allows(Right::Administer, known.name.as_str()));
         if known.owner == Owner::Flow(id.wire()) || administers {
             self.remove_channel(channel, Some((id, tag)), DropReason::Gone);
         } else {
@@ -120,6 +115,7 @@ impl ServerCore {
         asked: Option<(ConnectionId, u32)>,
         reason: DropReason,
     ) {
+        self.cut_ties(channel);
         let Some((known, subscribers)) = self.channels.remove(channel) else { return };
         self.clocks.remove(&channel);
         match known.kind {
@@ -142,35 +138,66 @@ impl ServerCore {
         }
         self.entity_ended(DatabaseKind::Channel, &known.name, Entity::Channel(channel));
         let event = Event::ChannelRemoved { channel };
-        self.tell_flows(channel, asked, |tag, _| event.encode(tag, Flags::NONE));
+        self.tell_flows(&known, asked, |tag, _| event.encode(tag, Flags::NONE));
         self.notices.push_back(Notice::ChannelRemoved { channel, name: known.name });
+    }
+
+    pub(super) fn change_header(
+        &mut self,
+        id: ConnectionId,
+        tag: u32,
+        channel: ChannelRef,
+        properties: Properties,
+    ) {
+        let Some((known, subscribers)) = self.channels.get_mut(channel) else {
+            return self.refuse(id, tag, RefusalCode::Gone);
+        };
+        if known.owner != Owner::Flow(id.wire()) {
+            return self.refuse(id, tag, RefusalCode::NotOwner);
+        }
+        if !properties.is_map() {
+            return self.refuse(id, tag, RefusalCode::BadProperties);
+        }
+        known.properties = properties.clone();
+        let latch = properties.is_latched();
+        if latch || subscribers.special.is_some() {
+            subscribers.special_mut().latch = latch;
+        }
+        let known = known.clone();
+        if !latch {
+            self.keep_no_longer(channel);
+        }
+        self.tell_flows(&known, Some((id, tag)), |tag, form| {
+            Event::HeaderChanged { channel, properties: properties.clone().in_form(form) }
+                .encode(tag, Flags::NONE)
+        });
     }
 
     fn tell_added(&mut self, channel: ChannelRef, asked: Option<(ConnectionId, u32)>) {
         let Some((known, _)) = self.channels.get(channel) else { return };
         let known = known.clone();
         self.entity_began(DatabaseKind::Channel, &known.name, Entity::Channel(channel));
-        self.tell_flows(channel, asked, |tag, form| known.added(tag, form));
+        self.tell_flows(&known, asked, |tag, form| known.added(tag, form));
         self.notices.push_back(Notice::ChannelAdded { channel, name: known.name });
     }
 
-    /// Sends a frame about a channel to every flow in the form of its values, and to the one that asked with
+    /// Sends a frame about a channel to every flow that sees it, in the form of its values, and to the one that asked with
     /// its tag. A flow that is still being told what there is hears of channels beyond that point in due course.
     pub(super) fn tell_flows(
         &mut self,
-        channel: ChannelRef,
+        channel: &Channel,
         asked: Option<(ConnectionId, u32)>,
         frame: impl Fn(u32, Form) -> Encoded,
     ) {
         let mut made: [Option<Encoded>; 2] = [None, None];
-        for id in self.connections.ids() {
+        for index in 0..self.sessions.flows.len() {
+            let id = self.sessions.flows[index];
             let Some(connection) = self.connections.get(id) else { continue };
-            let flow = connection.inbound.state() == State::Flow && connection.closing.is_none();
             let told = connection.replay.as_ref().is_none_or(|replay| match replay.what {
-                Telling::Channels { begins_flow: true, next } => next > channel.id as u16,
+                Telling::Channels { begins_flow: true, next } => next > channel.reference.id as u16,
                 _ => true,
             });
-            if flow && told {
+            if told && connection.closing.is_none() && connection.rights.sees(id, channel) {
                 let form = connection.form;
                 match asked {
                     Some((asker, tag)) if asker == id => self.send(id, frame(tag, form)),
@@ -179,92 +206,6 @@ impl ServerCore {
                         self.send(id, shared);
                     }
                 }
-            }
-        }
-    }
-
-    pub(super) fn subscribe(
-        &mut self,
-        id: ConnectionId,
-        tag: u32,
-        channel: ChannelRef,
-        wish: Wish,
-    ) -> Result<(), ProtocolError> {
-        let Wish { policy, depth, divisor } = wish;
-        if depth > SUBSCRIPTION_DEPTH_MAX {
-            return Err(ProtocolError::BadValue { kind: "subscribe", field: "depth", value: depth.into() });
-        }
-        let depth = if depth == 0 { SUBSCRIPTION_DEPTH_DEFAULT } else { depth };
-        let Some((known, subscribers)) = self.channels.get_mut(channel) else {
-            self.refuse(id, tag, RefusalCode::Gone);
-            return Ok(());
-        };
-        let is_sync = known.kind == ChannelKind::Sync;
-        if is_sync && !super::sync::is_divisor(divisor) {
-            let value = divisor.into();
-            return Err(ProtocolError::BadValue { kind: "subscribe", field: "divisor", value });
-        }
-        // Of ticks only the newest is worth anything.
-        let depth = if is_sync { 1 } else { depth };
-        let is_stream = known.kind == ChannelKind::Stream && divisor == 1;
-        if !(is_stream || is_sync) || policy != Policy::Latest {
-            self.refuse(id, tag, RefusalCode::WrongKind);
-            return Ok(());
-        }
-        let owner = known.owner;
-        let Some(connection) = self.connections.get_mut(id) else { return Ok(()) };
-        let output = &mut connection.output;
-        if !output.is_subscribed(channel) && output.subscriptions() >= SUBSCRIPTIONS_PER_FLOW_MAX {
-            self.refuse(id, tag, RefusalCode::TooManySubscriptions);
-            return Ok(());
-        }
-        let (slot, new) = output.subscribe(channel, usize::from(depth));
-        if new {
-            subscribers.list.push(Subscriber { connection: id, slot });
-        }
-        let first = new && subscribers.list.len() == 1;
-        if is_sync {
-            self.add_target(id, channel, slot, divisor);
-        }
-        self.answer(id, tag, &Event::Subscribed { channel });
-        if first {
-            self.tell_owner(channel, owner, true);
-        }
-        Ok(())
-    }
-
-    pub(super) fn unsubscribe(&mut self, id: ConnectionId, tag: u32, channel: ChannelRef) {
-        self.end_subscription(id, channel, DropReason::Gone);
-        self.answer(id, tag, &Event::Unsubscribed { channel });
-    }
-
-    pub(super) fn end_subscription(&mut self, id: ConnectionId, channel: ChannelRef, reason: DropReason) {
-        let Some(connection) = self.connections.get_mut(id) else { return };
-        let Some(counts) = connection.output.unsubscribe(channel, reason) else { return };
-        self.ended.add(&counts);
-        self.remove_target(id, channel);
-        let Some((known, subscribers)) = self.channels.get_mut(channel) else { return };
-        let owner = known.owner;
-        if !(is_planted(Bug::SubscriptionKept) && reason == DropReason::Gone) {
-            subscribers.list.retain(|subscriber| subscriber.connection != id);
-        }
-        if subscribers.list.is_empty() {
-            self.tell_owner(channel, owner, false);
-        }
-    }
-
-    fn tell_owner(&mut self, channel: ChannelRef, owner: Owner, start: bool) {
-        match owner {
-            Owner::Hub if start => self.notices.push_back(Notice::StartPublishing { channel }),
-            Owner::Hub => self.notices.push_back(Notice::StopPublishing { channel }),
-            Owner::Flow(_) => {
-                let Some(owner) = owning_flow(&self.connections, owner) else { return };
-                let event = if start {
-                    Event::StartPublishing { channel }
-                } else {
-                    Event::StopPublishing { channel }
-                };
-                self.answer(owner, 0, &event);
             }
         }
     }

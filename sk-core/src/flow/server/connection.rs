@@ -5,10 +5,13 @@ use super::super::error::{ClosingReason, ProtocolError};
 use super::super::fragment::Gathering;
 use super::super::inbound::Inbound;
 use super::super::login::Nonce;
+use super::super::outgoing::Begun;
+use super::super::scram::ServerExchange;
 use super::super::{ChannelRef, Command, Form, State};
 use super::blobs::BlobDesk;
 use super::databases::Desk;
 use super::output::Output;
+use super::permission::Permission;
 use super::requests::RequestId;
 use super::telling::Telling;
 use sk_flat::{Instant, Name};
@@ -124,9 +127,14 @@ pub(super) struct Connection {
     pub(super) client_nonce: Nonce,
     pub(super) hub_nonce: Nonce,
     pub(super) user: Option<Name>,
-    pub(super) rights: Rights,
+    /// A login by password that is under way.
+    pub(super) scram: Option<Box<ServerExchange>>,
+    pub(super) rights: Permission,
     /// The full name of the flow, once it is one.
     pub(super) flow: Option<Name>,
+    /// What the flow's successor would prove itself with, and whether it is one itself.
+    pub(super) session: [u8; 16],
+    pub(super) resumed: bool,
     /// The form of values in the events of the flow.
     pub(super) form: Form,
     pub(super) gathering: Gathering<Incoming>,
@@ -138,6 +146,10 @@ pub(super) struct Connection {
     pub(super) replay: Option<Replay>,
     pub(super) desk: Desk,
     pub(super) blobs: BlobDesk,
+    /// Channels that it registered to poll.
+    pub(super) polls: Vec<ChannelRef>,
+    /// The answer to `poll` while it is being given, with its tag.
+    pub(super) latest: Option<Box<(u32, Begun)>>,
     /// Whether it waits for a turn.
     pub(super) queued: bool,
     /// Whether it is listed as having something to write.
@@ -149,6 +161,12 @@ pub(super) struct Connection {
     pub(super) pinged: Instant,
     pub(super) reported: Instant,
     pub(super) frame_begun: Option<Instant>,
+    /// When it is to be looked at, if ever.
+    pub(super) alarm: Option<Instant>,
+    /// Its login failed, and it hears so then: too many failed that came from where it comes from.
+    pub(super) login_refused_at: Option<Instant>,
+    /// Whether it is listed as having lost messages.
+    pub(super) lossy: bool,
     pub(super) closing: Option<(ClosingReason, Instant)>,
 }
 
@@ -167,8 +185,11 @@ impl Connection {
             client_nonce: [0; 32],
             hub_nonce,
             user: None,
-            rights: Rights::NONE,
+            scram: None,
+            rights: Permission::NONE,
             flow: None,
+            session: [0; 16],
+            resumed: false,
             form: Form::Binary,
             gathering: Gathering::default(),
             calls: BTreeMap::new(),
@@ -177,6 +198,8 @@ impl Connection {
             replay: None,
             desk: Desk::default(),
             blobs: BlobDesk::default(),
+            polls: Vec::new(),
+            latest: None,
             queued: false,
             dirty: false,
             opened: now,
@@ -185,6 +208,9 @@ impl Connection {
             pinged: now,
             reported: now,
             frame_begun: None,
+            alarm: None,
+            login_refused_at: None,
+            lossy: false,
             closing: None,
         }
     }
@@ -200,8 +226,8 @@ impl Connection {
         }
     }
 
-    /// Whether commands must wait: the connection ends, a list is being told, its answers pile up, it waits for
-    /// the disk, or it is synchronous and a call of it has no answer yet.
+    /// Whether commands must wait: the connection ends, a list or a message is being told, its answers pile up, it
+    /// waits for the disk, or it is synchronous and a call of it has no answer yet.
     pub(super) fn is_held(&self) -> bool {
         self.is_unread() || self.awaits_answer()
     }
@@ -210,6 +236,8 @@ impl Connection {
     pub(super) fn is_unread(&self) -> bool {
         self.closing.is_some()
             || self.replay.is_some()
+            || self.latest.is_some()
+            || self.login_refused_at.is_some()
             || self.output.answers_pile_up()
             || self.desk.is_held()
             || self.blobs.is_held()
@@ -217,7 +245,8 @@ impl Connection {
 
     /// Whether something is to be sent.
     pub(super) fn has_output(&self) -> bool {
-        !self.output.is_empty() || self.replay.as_ref().is_some_and(|replay| !replay.what.waits()) || self.desk.has_news()
+        let tells = self.replay.as_ref().is_some_and(|replay| !replay.what.waits());
+        !self.output.is_empty() || tells || self.latest.is_some() || self.desk.has_news()
     }
 
     /// Whether later commands wait for the answer to a call. It is read from all the same, so that its end is

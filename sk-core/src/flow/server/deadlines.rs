@@ -11,7 +11,7 @@ use sk_flat::Instant;
 use std::collections::BTreeMap;
 
 impl ServerCore {
-    /// Ends the requests that had no answer in time, and looks at the deadlines of all connections, those four
+    /// Ends the requests that had no answer in time, and looks at the connections whose time has come, those four
     /// times a second.
     pub fn tick(&mut self, now: Instant) {
         self.now = now;
@@ -20,11 +20,48 @@ impl ServerCore {
             return self.settle();
         }
         self.next_check = now + CHECK_INTERVAL;
-        for id in self.connections.ids() {
-            self.check(id);
+        while let Some((at, id)) = self.alarms.next_due(now) {
+            let Some(connection) = self.connections.get_mut(id) else { continue };
+            if connection.alarm == Some(at) {
+                connection.alarm = None;
+                self.check(id);
+                self.set_next_alarm(id);
+            }
         }
+        let mut lossy = std::mem::take(&mut self.lossy);
+        lossy.retain(|id| !self.report_if_due(*id));
+        lossy.append(&mut self.lossy);
+        self.lossy = lossy;
         self.report_ticks();
         self.settle();
+    }
+
+    /// When a connection of which nothing is heard is to be looked at.
+    fn set_next_alarm(&mut self, id: ConnectionId) {
+        let Some(connection) = self.connections.get_mut(id) else { return };
+        let at = if let Some((_, deadline)) = connection.closing {
+            deadline
+        } else if connection.is_inside() {
+            return;
+        } else if let Some(at) = connection.login_refused_at {
+            at
+        } else if connection.user.is_none() {
+            connection.opened + LOGIN_TIME_MAX
+        } else {
+            let ping = connection.heard.max(connection.pinged) + PING_AFTER;
+            let frame = connection.frame_begun.map_or(ping, |begun| begun + FRAME_TIME_MAX);
+            ping.min(connection.heard + SILENCE_MAX).min(frame)
+        };
+        // Not now again, whatever is found then.
+        let at = at.max(self.now + CHECK_INTERVAL);
+        self.alarms.set(id, &mut connection.alarm, at);
+    }
+
+    /// Sees to it that the connection is looked at then, or before.
+    pub(super) fn look_at(&mut self, id: ConnectionId, at: Instant) {
+        if let Some(connection) = self.connections.get_mut(id) {
+            self.alarms.set(id, &mut connection.alarm, at);
+        }
     }
 
     /// When [`tick`](ServerCore::tick) wants to be called next.
@@ -46,7 +83,12 @@ impl ServerCore {
         if connection.is_inside() {
             // A pipe's end shows in its queue. A loop that stood still for long, its own modules with it, must
             // not take them for dead.
-            self.report_if_due(id);
+            return;
+        }
+        if let Some(at) = connection.login_refused_at {
+            if now >= at {
+                self.close(id, ClosingReason::LoginFailed);
+            }
             return;
         }
         let late_login = connection.user.is_none() && now.since(connection.opened) >= LOGIN_TIME_MAX;
@@ -71,18 +113,20 @@ impl ServerCore {
             let tag = self.pings;
             self.answer(id, tag, &Event::Ping {});
         }
-        self.report_if_due(id);
     }
 
-    fn report_if_due(&mut self, id: ConnectionId) {
-        let Some(connection) = self.connections.get_mut(id) else { return };
-        if !connection.output.has_losses || self.now.since(connection.reported) < DROPPED_REPORT_INTERVAL {
-            return;
+    /// Tells a subscriber what it lost, if it was not told just before. Answers whether that is done with.
+    fn report_if_due(&mut self, id: ConnectionId) -> bool {
+        let Some(connection) = self.connections.get_mut(id) else { return true };
+        if connection.output.paused || self.now.since(connection.reported) < DROPPED_REPORT_INTERVAL {
+            return false;
         }
         connection.reported = self.now;
+        connection.lossy = false;
         for (channel, reason, total) in connection.output.take_losses() {
             self.answer(id, 0, &Event::Dropped { channel, reason: reason as u8, total });
         }
+        true
     }
 
     /// Closes the oldest connection without login of the address that has most of them, so that a good
@@ -90,7 +134,10 @@ impl ServerCore {
     pub(super) fn evict(&mut self) {
         let mut by_address: BTreeMap<Option<std::net::IpAddr>, (usize, Instant, ConnectionId)> =
             BTreeMap::new();
-        for (id, connection) in self.connections.iter().filter(|(_, connection)| is_waiting(connection)) {
+        self.newcomers.retain(|id| self.connections.get(*id).is_some_and(is_waiting));
+        for id in &self.newcomers {
+            let Some(connection) = self.connections.get(*id) else { continue };
+            let id = *id;
             let address = match connection.origin {
                 Origin::Network(address) => Some(address),
                 Origin::Unix { .. } | Origin::Line | Origin::Inside { .. } => None,

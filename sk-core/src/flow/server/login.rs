@@ -1,13 +1,14 @@
 //! Greeting, login, and the switch to a flow.
 
-use super::super::database::{DatabaseKind, Entity};
-use super::super::error::{ClosingReason, ProtocolError, RefusalCode};
+use super::super::error::{ClosingReason, ProtocolError};
 use super::super::limits::{
-    FRAGMENT_BYTES_MAX, FRAGMENT_BYTES_MIN, MAGIC, MESSAGE_BYTES_MAX, VERSION, VERSION_OLDEST,
+    FAILED_LOGIN_DELAY, FRAGMENT_BYTES_MAX, FRAGMENT_BYTES_MIN, MAGIC, MESSAGE_BYTES_MAX, VERSION,
+    VERSION_OLDEST,
 };
 use super::super::login::{NO_PROOF, Nonce, Proof};
 use super::super::{Event, Form, Rights};
 use super::connection::Origin;
+use super::permission::Permission;
 use super::telling::Telling;
 use super::{ConnectionId, Notice, ServerCore};
 use sk_flat::Name;
@@ -59,9 +60,10 @@ impl ServerCore {
             return self.login_failed(id);
         };
         let (client, hub) = (&connection.client_nonce, &connection.hub_nonce);
-        if token.client_is_true(client, hub, proof) {
+        if token.client_is_true(client, hub, proof) && connection.scram.is_none() {
             let proof = token.hub_proof(client, hub);
-            self.logged_in(id, tag, Rights::ALL, proof);
+            let owner = self.settings.user.clone();
+            self.logged_in(id, tag, owner, Permission::of(Rights::ALL), proof);
         } else {
             self.login_failed(id);
         }
@@ -74,14 +76,23 @@ impl ServerCore {
             Origin::Unix { uid } if self.settings.owner_uid == Some(uid) => Some(Rights::ALL),
             Origin::Unix { .. } | Origin::Line | Origin::Network(_) => None,
         };
-        match rights {
-            Some(rights) => self.logged_in(id, tag, rights, NO_PROOF),
+        match rights.filter(|_| connection.scram.is_none()) {
+            Some(rights) => {
+                let owner = self.settings.user.clone();
+                self.logged_in(id, tag, owner, Permission::of(rights), NO_PROOF);
+            }
             None => self.login_failed(id),
         }
     }
 
-    fn logged_in(&mut self, id: ConnectionId, tag: u32, rights: Rights, proof: Proof) {
-        let user = self.settings.user.clone();
+    pub(super) fn logged_in(
+        &mut self,
+        id: ConnectionId,
+        tag: u32,
+        user: Name,
+        rights: Permission,
+        proof: Proof,
+    ) {
         let Some(connection) = self.connections.get_mut(id) else { return };
         connection.user = Some(user.clone());
         self.waiting -= 1;
@@ -92,23 +103,17 @@ impl ServerCore {
     }
 
     /// One attempt for each connection: the nonces are used up. An honest client may hold an old token, so
-    /// this is no reason to call it spurious.
-    fn login_failed(&mut self, id: ConnectionId) {
-        self.close(id, ClosingReason::LoginFailed);
-    }
-
-    pub(super) fn set_async(&mut self, id: ConnectionId, tag: u32, name: &str, form: Form) {
+    /// this is no reason to call it spurious. Where many fail, all that fail are answered late, whatever the
+    /// reason; one that succeeds never is.
+    pub(super) fn login_failed(&mut self, id: ConnectionId) {
         let Some(connection) = self.connections.get_mut(id) else { return };
-        let Some(user) = &connection.user else { return };
-        let chosen = if name.is_empty() { format!("flow-{}", id.wire()) } else { name.to_owned() };
-        let Ok(full) = Name::new(&chosen).and_then(|name| Name::compose(user, &name)) else {
-            return self.refuse(id, tag, RefusalCode::BadName);
-        };
-        connection.flow = Some(full.clone());
-        connection.form = form;
-        connection.inbound.advance();
-        self.entity_began(DatabaseKind::Flow, &full, Entity::Flow(id.wire()));
-        self.tell_list(id, tag, form, Telling::Channels { begins_flow: true, next: 0 });
+        if self.addresses.failed(connection.origin, self.now) {
+            let at = self.now + FAILED_LOGIN_DELAY;
+            connection.login_refused_at = Some(at);
+            self.look_at(id, at);
+        } else {
+            self.close(id, ClosingReason::LoginFailed);
+        }
     }
 
     pub(super) fn list(&mut self, id: ConnectionId, tag: u32, form: Form) {

@@ -12,18 +12,32 @@
 //! Once a round the loop calls [`ServerCore::work`] for commands that waited for their turn and
 //! [`ServerCore::tick`] for deadlines.
 
+mod accounts;
+mod addresses;
+mod alarms;
+mod audience;
 mod blobs;
 mod books;
 mod channels;
 mod connection;
+mod credit;
 mod databases;
 mod deadlines;
+mod fan_out;
+mod inspect;
+mod inspect_why;
+mod keeping;
 mod login;
 mod notice;
 mod output;
+mod permission;
+mod polling;
 mod publish;
+mod replicas;
 mod requests;
 mod services;
+mod sessions;
+mod subscriptions;
 mod sync;
 mod sync_target;
 mod talk;
@@ -32,27 +46,34 @@ mod telling;
 mod tests;
 mod turn;
 
+pub use accounts::AccountsError;
 pub use connection::{ConnectionId, Ending, Origin};
 pub use notice::Notice;
 pub use requests::RequestId;
+pub use sessions::Session;
 
 use super::channel::{Channel, Owner, Registry};
-use super::database::{DatabaseKind, Databases, Entity};
+use super::database::{DatabaseKind, DatabaseName, Databases, Entity};
 use super::definition::Encoded;
-use super::delivery::{Counts, DropReason};
+use super::delivery::{Budget, Counts, DropReason};
 use super::error::{ClosingReason, ProtocolError, RefusalCode};
 use super::frame::Flags;
 use super::limits::{
     CHECK_INTERVAL, CONNECTIONS_MAX, FRAGMENT_BYTES_MAX, LINGER_TIME_MAX, LOG_LINES_PER_SECOND_MAX,
-    UNAUTHENTICATED_MAX,
+    LOGIN_TIME_MAX, UNAUTHENTICATED_MAX,
 };
 use super::login::{Nonce, OwnerToken};
 use super::wire::Slices;
 use super::{ChannelRef, Event, Message, State};
 use crate::testing::{Bug, is_planted};
+use accounts::Accounts;
+use addresses::Addresses;
+use alarms::Alarms;
+use audience::Subscribers;
 use connection::{Connection, Connections};
 use notice::LogLimit;
 use requests::Requests;
+use sessions::Sessions;
 use sk_flat::{Instant, Name};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use sync::Clock;
@@ -73,19 +94,6 @@ pub struct Settings {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[error("the hub serves {CONNECTIONS_MAX} connections already")]
 pub struct TooManyConnections;
-
-/// What the hub keeps beside each channel.
-#[derive(Debug, Default)]
-struct Subscribers {
-    list: Vec<Subscriber>,
-}
-
-/// One subscriber of a channel: the connection and the place of its book there.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Subscriber {
-    connection: ConnectionId,
-    slot: usize,
-}
 
 /// A hub without sockets.
 ///
@@ -115,6 +123,7 @@ struct Subscriber {
 #[derive(Debug)]
 pub struct ServerCore {
     settings: Settings,
+    accounts: Accounts,
     connections: Connections,
     channels: Registry<Subscribers>,
     databases: Databases,
@@ -128,8 +137,19 @@ pub struct ServerCore {
     to_close: VecDeque<(ConnectionId, ClosingReason)>,
     /// The counts of subscriptions that ended.
     ended: Counts,
+    /// What waits and is kept in all, shared payloads counted once.
+    budget: Budget,
+    /// What is kept for late joiners and those who poll.
+    kept: usize,
+    sessions: Sessions,
+    addresses: Addresses,
+    alarms: Alarms,
+    /// Connections that lost messages and were not told yet.
+    lossy: Vec<ConnectionId>,
     /// How many connections wait for their login.
     waiting: usize,
+    /// Those, in the order in which they came, and among them some that wait no more.
+    newcomers: VecDeque<ConnectionId>,
     late_fragments: u64,
     /// The open requests to services.
     requests: Requests,
@@ -140,6 +160,7 @@ pub struct ServerCore {
     clocks: BTreeMap<ChannelRef, Clock>,
     spurious: u64,
     log: LogLimit,
+    started: Instant,
     now: Instant,
     next_check: Instant,
     pings: u32,
@@ -150,6 +171,7 @@ impl ServerCore {
     /// A hub with nobody connected.
     pub fn new(settings: Settings, now: Instant) -> ServerCore {
         let mut core = ServerCore {
+            accounts: Accounts::new(settings.token.as_ref()),
             settings,
             connections: Connections::default(),
             channels: Registry::default(),
@@ -161,7 +183,14 @@ impl ServerCore {
             notices: VecDeque::new(),
             to_close: VecDeque::new(),
             ended: Counts::default(),
+            budget: Budget::default(),
+            kept: 0,
+            sessions: Sessions::default(),
+            addresses: Addresses::default(),
+            alarms: Alarms::default(),
+            lossy: Vec::new(),
             waiting: 0,
+            newcomers: VecDeque::new(),
             late_fragments: 0,
             requests: Requests::default(),
             serving: BTreeSet::new(),
@@ -169,6 +198,7 @@ impl ServerCore {
             clocks: BTreeMap::new(),
             spurious: 0,
             log: LogLimit::new(LOG_LINES_PER_SECOND_MAX),
+            started: now,
             now,
             next_check: now + CHECK_INTERVAL,
             pings: 0,
@@ -176,6 +206,7 @@ impl ServerCore {
         };
         let owner = core.settings.user.clone();
         core.entity_began(DatabaseKind::User, &owner, Entity::User);
+        core.databases.add_entity(DatabaseName::accounts(), Entity::Hub);
         core
     }
 
@@ -200,8 +231,21 @@ impl ServerCore {
         self.databases.stir(&nonce);
         let id = self.connections.add(Connection::new(origin, nonce, now));
         self.waiting += 1;
+        while let Some(first) = self.newcomers.front()
+            && !self.connections.get(*first).is_some_and(is_waiting)
+        {
+            self.newcomers.pop_front();
+        }
+        self.newcomers.push_back(id);
+        self.look_at(id, now + LOGIN_TIME_MAX);
         self.settle();
         Ok(id)
+    }
+
+    /// Whether one more connection may come from there now; to be asked before [`open`](ServerCore::open). A
+    /// storm from one address is turned away as cheaply as can be, and does not shut out others.
+    pub fn admits(&mut self, origin: Origin, now: Instant) -> bool {
+        self.addresses.admit(origin, now)
     }
 
     /// Notes that the peer, or the transport, ended a connection.
@@ -328,6 +372,11 @@ impl ServerCore {
         sum
     }
 
+    /// How many bytes wait for all connections or are kept, shared payloads counted once.
+    pub fn bytes_waiting(&self) -> usize {
+        self.budget.used()
+    }
+
     /// How many fragments came for channels that were gone or not their sender's, or for calls that were over,
     /// and were dropped.
     pub fn late_fragments(&self) -> u64 {
@@ -390,7 +439,9 @@ impl ServerCore {
             self.waiting -= usize::from(is_waiting(connection));
             connection.output.end_with(last);
             connection.replay = None;
+            connection.latest = None;
             connection.closing = Some((reason, deadline));
+            self.alarms.set(id, &mut connection.alarm, deadline);
             self.mark_dirty(id);
         }
     }
@@ -404,18 +455,23 @@ impl ServerCore {
         }
     }
 
-    /// Removes what belongs to a connection: its calls, its channels and its subscriptions.
+    /// Removes what belongs to a connection: its calls, its channels, its subscriptions and what it polls.
     fn clear(&mut self, id: ConnectionId, reason: DropReason) {
         self.end_calls_of(id);
+        self.end_session(id);
         let Some(connection) = self.connections.get_mut(id) else { return };
         let owned = std::mem::take(&mut connection.owned);
         let subscribed = connection.output.channels();
+        let polled = std::mem::take(&mut connection.polls);
         self.leave_databases(id);
         for channel in owned {
             self.remove_channel(channel, None, reason);
         }
         for channel in subscribed {
             self.end_subscription(id, channel, reason);
+        }
+        for channel in polled {
+            self.end_polling(id, channel);
         }
     }
 
@@ -430,6 +486,7 @@ impl ServerCore {
     fn after_output(&mut self, id: ConnectionId) {
         self.fill(id);
         self.go_on_reading(id);
+        self.give_credit(id);
         let Some(connection) = self.connections.get(id) else { return };
         if let Some((reason, _)) = connection.closing {
             if connection.output.is_empty() {

@@ -22,6 +22,13 @@ pub enum Notice {
         /// Which.
         connection: ConnectionId,
     },
+    /// A flow took the place of another one of its session, with all that this had.
+    Resumed {
+        /// The former connection, which ends.
+        from: ConnectionId,
+        /// The new one.
+        connection: ConnectionId,
+    },
     /// A connection is over: its transport is to be closed, its id finds nobody any more.
     Ended {
         /// Which.

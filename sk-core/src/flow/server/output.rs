@@ -1,10 +1,12 @@
 //! What one connection is to be sent: control frames, and messages of its subscriptions in turn.
 
-use super::super::ChannelRef;
 use super::super::definition::Encoded;
-use super::super::delivery::{Book, Counts, DropReason, Outgoing};
-use super::super::limits::{CONNECTION_BYTES_MAX, CONTROL_BYTES_MAX, FRAGMENT_BYTES_MAX, ITEM_OVERHEAD_BYTES, WIRE_BYTES_AHEAD};
+use super::super::delivery::{Book, Budget, Counts, DropReason, Offered, Outgoing};
+use super::super::limits::{
+    CONNECTION_BYTES_MAX, CONTROL_BYTES_MAX, FRAGMENT_BYTES_MAX, ITEM_OVERHEAD_BYTES, WIRE_BYTES_AHEAD,
+};
 use super::super::wire::Wire;
+use super::super::{ChannelRef, Policy};
 use super::talk::{Talk, TalkKey, Talks};
 use rustc_hash::FxHashMap;
 use slab::Slab;
@@ -32,13 +34,23 @@ enum Turn {
     Talk(TalkKey),
 }
 
+/// How a subscription deals with messages that it cannot take at once.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Keep {
+    pub(super) policy: Policy,
+    pub(super) depth: usize,
+    pub(super) reliable: bool,
+}
+
 #[derive(Debug)]
-struct Subscription {
+pub(super) struct Subscription {
     channel: ChannelRef,
     /// Tells two bearers of one slot apart.
     serial: u64,
     book: Book,
     in_turn: bool,
+    /// Its channel's owner waits for it: what it takes is to be noted.
+    reliable: bool,
     /// The drop counts that the subscriber was told.
     told: [u64; DropReason::ALL.len()],
 }
@@ -58,7 +70,13 @@ pub(super) struct Output {
     turns: VecDeque<Turn>,
     /// What all subscriptions, requests and replies together are charged.
     bytes: usize,
+    /// What is kept for it, or of it for late joiners, is charged too.
+    pub(super) kept: usize,
+    /// Reliable channels of which it took something.
+    pub(super) credit_due: Vec<ChannelRef>,
     pub(super) fragment_bytes_max: usize,
+    /// Messages wait until the connection is a flow for its peer too.
+    pub(super) paused: bool,
     /// Whether messages were dropped that the subscriber was not told of.
     pub(super) has_losses: bool,
 }
@@ -75,7 +93,10 @@ impl Default for Output {
             talks: Talks::default(),
             turns: VecDeque::new(),
             bytes: 0,
+            kept: 0,
+            credit_due: Vec::new(),
             fragment_bytes_max: FRAGMENT_BYTES_MAX,
+            paused: false,
             has_losses: false,
         }
     }
@@ -99,19 +120,51 @@ impl Output {
         self.control_bytes < WIRE_BYTES_AHEAD
     }
 
-    /// Adds a subscription, or changes its depth. Answers its slot, and whether it is new.
-    pub(super) fn subscribe(&mut self, channel: ChannelRef, depth: usize) -> (usize, bool) {
+    /// Adds a subscription, or changes how it deals with what it cannot keep up with. Answers its slot, and
+    /// whether it is new.
+    pub(super) fn subscribe(&mut self, channel: ChannelRef, wish: Keep) -> (usize, bool) {
+        let Keep { policy, depth, reliable } = wish;
         if let Some(slot) = self.slots.get(&channel) {
-            self.subscriptions[*slot].book.set_depth(depth);
+            self.subscriptions[*slot].book.set_policy(policy, depth);
             return (*slot, false);
         }
         self.serial += 1;
-        let told = [0; DropReason::ALL.len()];
-        let subscription =
-            Subscription { channel, serial: self.serial, book: Book::new(depth), in_turn: false, told };
+        let subscription = Subscription {
+            channel,
+            serial: self.serial,
+            book: Book::new(policy, depth),
+            in_turn: false,
+            reliable,
+            told: [0; DropReason::ALL.len()],
+        };
         let slot = self.subscriptions.insert(subscription);
         self.slots.insert(channel, slot);
         (slot, true)
+    }
+
+    /// Gives all subscriptions to another connection. What no transport took whole is to be sent anew.
+    pub(super) fn give_away(&mut self) -> Vec<Subscription> {
+        self.slots.clear();
+        self.turns.retain(|turn| !matches!(turn, Turn::Subscription(_)));
+        let given: Vec<Subscription> = self.subscriptions.drain().collect();
+        self.bytes -= given.iter().map(|subscription| subscription.book.bytes()).sum::<usize>();
+        given
+    }
+
+    /// Takes a subscription of another connection over; answers its channel and its slot.
+    pub(super) fn take_over(&mut self, mut given: Subscription) -> (ChannelRef, usize) {
+        given.book.restart();
+        self.serial += 1;
+        given.serial = self.serial;
+        given.in_turn = given.book.is_ready();
+        self.bytes += given.book.bytes();
+        let (channel, ready) = (given.channel, given.in_turn);
+        let slot = self.subscriptions.insert(given);
+        self.slots.insert(channel, slot);
+        if ready {
+            self.turns.push_back(Turn::Subscription(slot));
+        }
+        (channel, slot)
     }
 
     pub(super) fn is_subscribed(&self, channel: ChannelRef) -> bool {
@@ -160,12 +213,23 @@ impl Output {
             .for_each(|(_, subscription)| sum.add(subscription.book.counts()));
     }
 
-    /// Offers a message to a subscription.
-    pub(super) fn offer(&mut self, slot: usize, message: &Outgoing) {
-        let Some(subscription) = self.subscriptions.get_mut(slot) else { return };
+    /// What may wait or be kept beyond all that does.
+    pub(super) fn room(&self) -> usize {
+        CONNECTION_BYTES_MAX.saturating_sub(self.bytes + self.kept)
+    }
+
+    /// What waits.
+    pub(super) fn bytes(&self) -> usize {
+        self.bytes
+    }
+
+    /// Offers a message to a subscription. Answers `false` if it must not miss any and found no room.
+    pub(super) fn offer(&mut self, slot: usize, message: &Outgoing) -> bool {
+        let room = self.room();
+        let Some(subscription) = self.subscriptions.get_mut(slot) else { return true };
         let book = &mut subscription.book;
         let (held, dropped) = (book.bytes(), book.counts().dropped_in_all());
-        book.offer(message, CONNECTION_BYTES_MAX.saturating_sub(self.bytes));
+        let offered = book.offer(message, room);
         self.bytes = self.bytes - held + book.bytes();
         self.has_losses |= book.counts().dropped_in_all() != dropped;
         if book.is_ready() && !subscription.in_turn {
@@ -176,11 +240,12 @@ impl Output {
                 self.turns.push_back(Turn::Subscription(slot));
             }
         }
+        offered != Offered::Broken
     }
 
     /// Queues a request or a reply; `false` if the connection has as many bytes waiting as it may.
     pub(super) fn talk(&mut self, talk: Talk) -> bool {
-        if self.bytes + talk.charge() > CONNECTION_BYTES_MAX {
+        if talk.charge() > self.room() {
             return false;
         }
         self.bytes += talk.charge();
@@ -222,11 +287,43 @@ impl Output {
         !self.talks.is_empty()
     }
 
-    /// Tells a subscription's book of a message that its publisher gave up.
-    pub(super) fn aborted(&mut self, slot: usize) {
-        let Some(subscription) = self.subscriptions.get_mut(slot) else { return };
-        subscription.book.aborted();
+    /// Tells a subscription's book of a message that was dropped before it came here. Answers `false` if it
+    /// must not miss any.
+    pub(super) fn missed(&mut self, slot: usize, reason: DropReason) -> bool {
+        let Some(subscription) = self.subscriptions.get_mut(slot) else { return true };
         self.has_losses = true;
+        subscription.book.missed(reason) != Offered::Broken
+    }
+
+    /// Drops what waits, the oldest of each subscription first, until the budget is down to `target`. Answers
+    /// whether something that must not be missed is left.
+    pub(super) fn shed(&mut self, budget: &Budget, target: usize) -> bool {
+        let mut stays = false;
+        for (slot, subscription) in &mut self.subscriptions {
+            let book = &mut subscription.book;
+            while budget.used() > target
+                && let Some(freed) = book.shed()
+            {
+                self.bytes -= freed;
+                self.has_losses = true;
+            }
+            if subscription.in_turn && !book.is_ready() {
+                subscription.in_turn = false;
+                self.turns.retain(|turn| *turn != Turn::Subscription(slot));
+            }
+            stays |= book.policy().0 == Policy::All && book.bytes() > 0;
+        }
+        stays
+    }
+
+    /// The book of a subscription.
+    pub(super) fn book(&self, slot: usize) -> Option<&Book> {
+        self.subscriptions.get(slot).map(|subscription| &subscription.book)
+    }
+
+    /// What waits of a subscription.
+    pub(super) fn queued(&self, slot: usize) -> usize {
+        self.subscriptions.get(slot).map_or(0, |subscription| subscription.book.bytes())
     }
 
     /// What was dropped since it was last asked: channel, reason and total, for each that changed.
@@ -254,6 +351,9 @@ impl Output {
                 self.control_bytes -= frame.len();
                 self.wire.push(frame, Note::Nothing);
                 continue;
+            }
+            if self.paused {
+                return;
             }
             let slot = match self.turns.pop_front() {
                 None => return,
@@ -297,14 +397,14 @@ impl Output {
 
     /// Notes that the transport took `count` bytes.
     pub(super) fn wrote(&mut self, count: usize) {
-        let Output { wire, subscriptions, bytes, .. } = self;
-        wire.wrote(count, |note| ended(subscriptions, bytes, note));
+        let Output { wire, subscriptions, bytes, credit_due, .. } = self;
+        wire.wrote(count, |note| ended(subscriptions, bytes, credit_due, note));
     }
 
     /// Takes a whole frame, for a transport inside the process.
     pub(super) fn take(&mut self) -> Option<Encoded> {
         let (frame, note) = self.wire.take()?;
-        ended(&mut self.subscriptions, &mut self.bytes, note);
+        ended(&mut self.subscriptions, &mut self.bytes, &mut self.credit_due, note);
         Some(frame)
     }
 
@@ -318,7 +418,12 @@ impl Output {
 }
 
 /// A message is delivered when the transport took its last byte, unless its subscription has ended.
-fn ended(subscriptions: &mut Slab<Subscription>, bytes: &mut usize, note: Note) {
+fn ended(
+    subscriptions: &mut Slab<Subscription>,
+    bytes: &mut usize,
+    credit_due: &mut Vec<ChannelRef>,
+    note: Note,
+) {
     if let Note::EndsTalk { charge } = note {
         *bytes -= charge;
     }
@@ -327,5 +432,8 @@ fn ended(subscriptions: &mut Slab<Subscription>, bytes: &mut usize, note: Note) 
         && subscription.serial == serial
     {
         *bytes -= subscription.book.delivered();
+        if subscription.reliable && !credit_due.contains(&subscription.channel) {
+            credit_due.push(subscription.channel);
+        }
     }
 }

@@ -1,11 +1,12 @@
 //! Publishing: fragments in, whole messages out to every subscriber.
 
 use super::super::channel::Owner;
-use super::super::delivery::Outgoing;
+use super::super::delivery::{DropReason, charge_of};
 use super::super::error::{ProtocolError, RefusalCode};
-use super::super::fragment::{Gathered, Pieces, cut};
+use super::super::fragment::{Gathered, cut};
 use super::super::limits::{FRAGMENT_BYTES_MAX, MESSAGE_BYTES_MAX};
 use super::super::{ChannelKind, ChannelRef, Flags};
+use super::audience::Admitted;
 use super::connection::Incoming;
 use super::{ConnectionId, ServerCore};
 use crate::testing::{Bug, is_planted};
@@ -27,7 +28,8 @@ impl ServerCore {
         piece: Piece,
     ) -> Result<(), ProtocolError> {
         let Piece { channel, message, payload } = piece;
-        let (owner, kind) = self.channels.get(channel).map(|(known, _)| (known.owner, known.kind)).unzip();
+        let mut found = self.channels.get_mut(channel);
+        let (owner, kind) = found.as_ref().map(|(known, _)| (known.owner, known.kind)).unzip();
         if owner != Some(Owner::Flow(id.wire())) {
             // A channel may go while fragments for it are under way: refuse a message once, drop the rest.
             self.late_fragments += 1;
@@ -45,6 +47,16 @@ impl ServerCore {
             }
             return Ok(());
         }
+        let credit = found.as_mut().and_then(|(_, beside)| beside.special.as_mut()?.credit.as_mut());
+        let may_renew = credit.is_some() && (flags.has(Flags::LAST) || flags == Flags::ABORT);
+        match credit.map_or(Admitted::Yes, |credit| credit.take(flags, payload.len())) {
+            Admitted::Yes => {}
+            Admitted::Not => {
+                self.drop_for_all(channel, DropReason::Credit);
+                return Ok(());
+            }
+            Admitted::StillNot => return Ok(()),
+        }
         let Some(connection) = self.connections.get_mut(id) else { return Ok(()) };
         let bytes_max = connection.inbound.message_bytes_max();
         match connection
@@ -52,12 +64,17 @@ impl ServerCore {
             .take(Incoming::Publish(channel), message, flags, payload, bytes_max)?
         {
             Gathered::More | Gathered::Ignored => {}
+            // The owner may have sent this before it attached the channel to another one.
+            Gathered::Whole(_) if self.is_attached(channel) => self.refuse(id, tag, RefusalCode::Attached),
             Gathered::Whole(pieces) => self.fan_out(channel, message, pieces),
-            Gathered::Aborted => self.abort(channel),
+            Gathered::Aborted => self.drop_for_all(channel, DropReason::Aborted),
             Gathered::Overfull => {
-                self.abort(channel);
+                self.drop_for_all(channel, DropReason::Aborted);
                 self.refuse(id, tag, RefusalCode::Full);
             }
+        }
+        if may_renew {
+            self.renew_credit(channel);
         }
         Ok(())
     }
@@ -66,45 +83,26 @@ impl ServerCore {
     ///
     /// # Errors
     /// `Gone` if the channel is closed, `NotOwner` if a flow owns it, `Full` if the message is longer
-    /// than 16 MiB.
+    /// than 16 MiB, or the channel is reliable and its slowest subscriber too far behind.
     pub fn publish_own(&mut self, channel: ChannelRef, message: Bytes) -> Result<bool, RefusalCode> {
-        let (known, subscribers) = self.channels.get(channel).ok_or(RefusalCode::Gone)?;
+        let (known, subscribers) = self.channels.get_mut(channel).ok_or(RefusalCode::Gone)?;
         if known.owner != Owner::Hub {
             return Err(RefusalCode::NotOwner);
         }
         if message.len() > MESSAGE_BYTES_MAX {
             return Err(RefusalCode::Full);
         }
-        let heard = !subscribers.list.is_empty();
+        let heard = subscribers.is_heard();
+        if let Some(credit) = subscribers.special.as_mut().and_then(|special| special.credit.as_mut()) {
+            if !credit.is_left() {
+                return Err(RefusalCode::Full);
+            }
+            credit.used += charge_of(message.len(), message.len().div_ceil(FRAGMENT_BYTES_MAX).max(1)) as u64;
+        }
         self.next_own_message = self.next_own_message.wrapping_add(1);
         let pieces = cut(message, FRAGMENT_BYTES_MAX).map(|(_, piece)| piece).collect();
         self.fan_out(channel, self.next_own_message, pieces);
+        self.settle();
         Ok(heard)
-    }
-
-    /// One message to every subscriber: encoded once, shared by all.
-    fn fan_out(&mut self, channel: ChannelRef, message: u32, pieces: Pieces) {
-        let Some((_, subscribers)) = self.channels.get(channel) else { return };
-        if subscribers.list.is_empty() {
-            return;
-        }
-        let outgoing = Outgoing::new(channel, message, pieces);
-        for subscriber in &subscribers.list {
-            let Some(connection) = self.connections.get_mut(subscriber.connection) else { continue };
-            connection.output.offer(subscriber.slot, &outgoing);
-            if !connection.dirty {
-                connection.dirty = true;
-                self.dirty.push(subscriber.connection);
-            }
-        }
-    }
-
-    fn abort(&mut self, channel: ChannelRef) {
-        let Some((_, subscribers)) = self.channels.get(channel) else { return };
-        for subscriber in &subscribers.list {
-            if let Some(connection) = self.connections.get_mut(subscriber.connection) {
-                connection.output.aborted(subscriber.slot);
-            }
-        }
     }
 }

@@ -1,13 +1,13 @@
 //! Services: calls in, requests to the owner, answers back, and exactly one end for every call.
 
-use super::super::channel::Owner;
+use super::super::channel::{Channel, Owner};
 use super::super::error::{ProtocolError, RefusalCode};
 use super::super::fragment::{Gathered, Pieces, cut, joined};
 use super::super::limits::{
     DEADLINE_DEFAULT, DEADLINE_MAX, FRAGMENT_BYTES_MAX, MESSAGE_BYTES_MAX, REQUESTS_PER_ASKER_MAX,
     REQUESTS_PER_OWNER_MAX, TEXT_BYTES_MAX,
 };
-use super::super::{ChannelKind, ChannelRef, Event, Flags, Message as _, Properties};
+use super::super::{ChannelKind, ChannelRef, Event, Flags, Message as _, Properties, Right};
 use super::connection::{Call, Incoming};
 use super::requests::{Request, RequestId};
 use super::talk::{Kind, Talk, TalkKey};
@@ -108,14 +108,19 @@ impl ServerCore {
     /// What can be said against a call when it begins.
     fn may_call(&self, id: ConnectionId, channel: ChannelRef) -> Result<(), RefusalCode> {
         let (known, _) = self.channels.get(channel).ok_or(RefusalCode::NoSuchService)?;
-        if known.kind != ChannelKind::Service {
-            return Err(RefusalCode::WrongKind);
-        }
+        self.check_call(id, known)?;
         let calls = self.connections.get(id).map_or(0, |connection| connection.calls.len());
         if calls >= REQUESTS_PER_ASKER_MAX {
             return Err(RefusalCode::TooManyRequests);
         }
         self.owner_has_room(known.owner)
+    }
+
+    fn check_call(&self, id: ConnectionId, service: &Channel) -> Result<(), RefusalCode> {
+        if !self.is_allowed(id, Right::Call, service.name.as_str()) {
+            return Err(RefusalCode::Denied);
+        }
+        if service.kind == ChannelKind::Service { Ok(()) } else { Err(RefusalCode::WrongKind) }
     }
 
     fn owner_has_room(&self, owner: Owner) -> Result<(), RefusalCode> {
@@ -140,9 +145,8 @@ impl ServerCore {
     ) -> Result<(), RefusalCode> {
         // It was there when the call began.
         let (known, _) = self.channels.get(channel).ok_or(RefusalCode::OwnerGone)?;
-        if known.kind != ChannelKind::Service {
-            return Err(RefusalCode::WrongKind);
-        }
+        // And the right to call it may have gone since.
+        self.check_call(id, known)?;
         let owner = known.owner;
         self.owner_has_room(owner)?;
         let span = match deadline_ms {
@@ -351,6 +355,15 @@ impl ServerCore {
                 let told = !is_planted(Bug::OwnerGoneUntold);
                 self.end_request(request, told.then_some((RefusalCode::OwnerGone, None)));
             }
+        }
+    }
+
+    /// Ends a request whose asker has no right to call its service any more.
+    pub(super) fn end_request_without_right(&mut self, asker: ConnectionId, request: RequestId) {
+        if let Some(open) = self.requests.get(request)
+            && !self.is_allowed_on(asker, Right::Call, open.channel)
+        {
+            self.end_request(request, Some((RefusalCode::Denied, None)));
         }
     }
 

@@ -53,7 +53,7 @@ impl ServerCore {
             return Err(ProtocolError::BadValue { kind: "sync_tick", field: "sequence", value: sequence });
         }
         let period = before.map_or(Duration::ZERO, |(last, at)| period(now.since(at), sequence - last));
-        let outgoing = Outgoing::tick(channel, sequence);
+        let outgoing = Outgoing::tick(channel, sequence, &self.budget);
         for target in &mut clock.targets {
             if !target.tick(sequence, period, now) {
                 continue;
@@ -98,6 +98,22 @@ impl ServerCore {
     pub(super) fn remove_target(&mut self, id: ConnectionId, channel: ChannelRef) {
         if let Some(clock) = self.clocks.get_mut(&channel) {
             clock.targets.retain(|target| target.connection != id);
+        }
+    }
+
+    /// A flow takes the place of another one, and its targets' too.
+    pub(super) fn move_target(
+        &mut self,
+        channel: ChannelRef,
+        from: ConnectionId,
+        to: ConnectionId,
+        slot: usize,
+    ) {
+        if let Some(clock) = self.clocks.get_mut(&channel)
+            && let Some(target) = clock.targets.iter_mut().find(|target| target.connection == from)
+        {
+            target.connection = to;
+            target.slot = slot;
         }
     }
 

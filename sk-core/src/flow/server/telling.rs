@@ -22,6 +22,11 @@ pub(super) enum Telling {
         /// The lowest identifier that has not been told.
         next: u16,
     },
+    /// Accounts.
+    Accounts {
+        /// The last one that was told.
+        after: Option<Name>,
+    },
     /// Databases.
     Databases {
         prefix: String,
@@ -71,6 +76,11 @@ impl ServerCore {
             connection.output.control(frame);
             connection.output.fill();
         }
+        let Some(connection) = self.connections.get_mut(id) else { return };
+        connection.fill_latest();
+        if connection.output.paused && connection.replay.is_none() {
+            self.tell_inherited(id);
+        }
     }
 
     fn next_line(&mut self, id: ConnectionId) -> Option<Encoded> {
@@ -82,7 +92,7 @@ impl ServerCore {
             self.go_on_listing(id);
             return None;
         }
-        let line = self.line(&mut replay);
+        let line = self.line(id, &mut replay);
         let connection = self.connections.get_mut(id)?;
         if let Some(line) = line {
             replay.told += 1;
@@ -95,21 +105,34 @@ impl ServerCore {
         }
         let name = connection.flow.as_ref().map(Name::to_string).unwrap_or_default();
         self.notices.push_back(Notice::FlowBegun { connection: id });
-        let begun = Event::FlowBegun { channels: count, name, session: [0; 16], resumed: 0 };
+        let (session, resumed) = (connection.session, connection.resumed.into());
+        let begun = Event::FlowBegun { channels: count, name, session, resumed };
         Some(begun.encode(replay.tag, Flags::NONE))
     }
 
-    fn line(&self, replay: &mut Replay) -> Option<Encoded> {
+    fn line(&self, id: ConnectionId, replay: &mut Replay) -> Option<Encoded> {
         let (tag, form) = (replay.tag, replay.form);
         match &mut replay.what {
             Telling::Channels { begins_flow, next } => {
-                let (channel, _) = self.channels.from_id(*next)?;
-                *next = channel.reference.id as u16 + 1;
+                let rights = &self.connections.get(id)?.rights;
+                let channel = loop {
+                    let (channel, _) = self.channels.from_id(*next)?;
+                    *next = channel.reference.id as u16 + 1;
+                    if rights.sees(id, channel) {
+                        break channel;
+                    }
+                };
                 Some(if *begins_flow { channel.added(0, form) } else { channel.listed(tag, form) })
             }
             Telling::Blobs(listing) => listing.line(tag),
             Telling::Databases { prefix, after } => {
-                let line = self.databases.next(prefix, after.as_ref())?;
+                let line = loop {
+                    let line = self.databases.next(prefix, after.as_ref())?;
+                    if self.may_see(id, &line.name) {
+                        break line;
+                    }
+                    *after = Some(line.name);
+                };
                 let event = Event::DatabaseListed {
                     database: line.name.to_string(),
                     durable: line.durable.into(),
@@ -119,6 +142,9 @@ impl ServerCore {
                 *after = Some(line.name);
                 Some(event.encode(tag, Flags::NONE))
             }
+            Telling::Accounts { after } => self.account_line(tag, after),
+            // The right to read it may have been revoked since the list began.
+            Telling::Variables { database, .. } if !self.may_read(id, database) => None,
             Telling::Variables { database, prefix, after, computed, values } => {
                 let open = self.databases.open(database);
                 let stored = open.and_then(|open| open.pairs.iter(prefix, after.as_deref()).next());

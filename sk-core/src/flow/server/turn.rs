@@ -3,10 +3,11 @@
 use super::super::definition::{Encoded, Tagged};
 use super::super::error::{ProtocolError, RefusalCode};
 use super::super::limits::TURN_COST_MAX;
+use super::super::scram::Verifier;
 use super::super::{ChannelKind, Command, Event, Flags, Message};
-use super::channels::Wish;
 use super::blobs::UploadPiece;
 use super::services::{AnswerPiece, CallPiece};
+use super::subscriptions::Wish;
 use super::{ConnectionId, ServerCore};
 use crate::testing::{Bug, is_planted};
 use sk_flat::Instant;
@@ -113,9 +114,16 @@ impl ServerCore {
             }
             Command::LoginToken { proof } => self.login_token(id, tag, &proof),
             Command::LoginPeer {} => self.login_peer(id, tag),
+            Command::LoginScram { message } => self.login_scram(id, tag, &message),
+            Command::LoginScramProof { message } => self.login_scram_proof(id, tag, &message),
+            Command::UserSet { user, rounds, salt, stored_key, server_key } => {
+                self.user_set(id, tag, &user, Verifier::new(rounds, salt, stored_key, server_key));
+            }
+            Command::UserRemove { user } => self.user_remove(id, tag, &user),
+            Command::UserList {} => self.user_list(id, tag),
             Command::Ping {} => self.answer(id, tag, &Event::Pong {}),
             Command::Pong {} => {}
-            Command::SetAsync { name, session: _, form } => self.set_async(id, tag, &name, form),
+            Command::SetAsync { name, session, form } => self.set_async(id, tag, &name, session, form),
             Command::ListChannels { form } => self.list(id, tag, form),
             Command::CreateStream { name, properties } => {
                 self.create_channel(id, tag, ChannelKind::Stream, &name, properties);
@@ -128,6 +136,15 @@ impl ServerCore {
             Command::Publish { channel, message, payload } => {
                 self.publish(id, tag, flags, super::publish::Piece { channel, message, payload })?;
             }
+            Command::Inspect { subject, form } => self.inspect(id, tag, &subject, form),
+            Command::ChangeHeader { channel, properties } => {
+                self.change_header(id, tag, channel, properties);
+            }
+            Command::Attach { replica, source } => self.attach(id, tag, replica, source),
+            Command::Detach { replica } => self.detach(id, tag, replica),
+            Command::PollRegister { channel } => self.poll_register(id, tag, channel),
+            Command::PollDeregister { channel } => self.poll_deregister(id, tag, channel),
+            Command::Poll { channel } => self.poll(id, tag, channel),
             Command::CreateSync { name, properties } => {
                 self.create_channel(id, tag, ChannelKind::Sync, &name, properties);
             }

@@ -2,8 +2,8 @@
 
 use super::SkFlowSat;
 use crate::Cx;
-use crate::flow::Flow;
 use crate::flow::satellite::{ChannelInfo, SatelliteError};
+use crate::flow::{Flow, Policy};
 use crate::object::Handle;
 use bytes::Bytes;
 use sk_flat::{IntoVariant, SkVariant};
@@ -12,18 +12,19 @@ use std::io;
 impl Handle<SkFlowSat> {
     /// Opens a streaming channel of this satellite's, now or as soon as there is a hub; one that is open stays
     /// as it is. The hub calls it `account.name`. Properties say what flows: `unit`, `format`, `rate`, `doc` …
+    /// Two of them change how: with `latch: true` the hub keeps the last message, and who comes later hears it
+    /// first; with `delivery: "reliable"` nothing is dropped that a slow subscriber cannot take yet, but
+    /// [`publish`](Handle#method.publish) answers `false` until [`room`](SkFlowSat::room) is emitted.
     ///
     /// # Errors
     /// If the name or the properties cannot be, or the satellite is gone.
     pub fn open(self, cx: &mut Cx, name: &str, properties: impl IntoVariant) -> io::Result<()> {
         let properties = properties.into_variant();
-        cx.with(self, |satellite, cx| satellite.open(cx, name, properties))
-            .map_err(io::Error::other)?
-            .map_err(io::Error::other)
+        self.command(cx, |satellite, cx| satellite.open(cx, name, properties))
     }
 
     /// Publishes a value as a variant, on a channel that is opened if it is not yet. Answers whether it was
-    /// sent: nothing is encoded or sent while nobody listens.
+    /// sent: nothing is encoded or sent while nobody listens, unless the channel has a latch.
     pub fn publish(self, cx: &mut Cx, name: &str, value: impl IntoVariant) -> bool {
         self.ensure_open(cx, name, "variant")
             && cx
@@ -60,19 +61,79 @@ impl Handle<SkFlowSat> {
 
     /// Whether somebody listens to a channel of this satellite's own.
     pub fn is_listened(self, cx: &mut Cx, name: &str) -> bool {
-        let listened = cx.with(self, |satellite, _| {
-            let channel = satellite.own.get(name)?.channel?;
-            Some(satellite.core.as_ref()?.is_listened(channel))
-        });
-        matches!(listened, Ok(Some(true)))
+        cx.with(self, |satellite, _| satellite.is_listened(name)) == Ok(true)
     }
 
-    /// Hears a channel, by its full name, now or as soon as it exists.
+    /// Changes what a channel of this satellite's own says about itself.
+    ///
+    /// # Errors
+    /// If there is no such channel, the properties cannot be sent, or the satellite is gone.
+    pub fn change_header(self, cx: &mut Cx, name: &str, properties: impl IntoVariant) -> io::Result<()> {
+        let properties = properties.into_variant();
+        self.command(cx, |satellite, cx| satellite.change_header(cx, name, properties))
+    }
+
+    /// Lets a channel of this satellite's own repeat another one, of this full name, now or as soon as both
+    /// exist: who subscribes to it gets what the other carries. It cannot be published on meanwhile. It repeats
+    /// one at a time; the last one named counts.
+    ///
+    /// # Errors
+    /// If a name cannot be, there is no such channel, or the satellite is gone.
+    pub fn repeat(self, cx: &mut Cx, name: &str, source: &str) -> io::Result<()> {
+        self.command(cx, |satellite, cx| satellite.repeat(cx, name, Some(source)))
+    }
+
+    /// Ends that.
+    ///
+    /// # Errors
+    /// If there is no such channel, or the satellite is gone.
+    pub fn repeat_no_more(self, cx: &mut Cx, name: &str) -> io::Result<()> {
+        self.command(cx, |satellite, cx| satellite.repeat(cx, name, None))
+    }
+
+    /// Names this satellite's flow, from the next link on: to be called just after the satellite was made. The
+    /// hub calls it `account.name` and lets in one of that name at a time; another one is refused, and comes
+    /// back until the name is free.
+    ///
+    /// # Errors
+    /// If the name cannot be, or the satellite is gone.
+    pub fn name_flow(self, cx: &mut Cx, name: &str) -> io::Result<()> {
+        self.command(cx, |satellite, _| satellite.name_flow(name))
+    }
+
+    fn command<R>(
+        self,
+        cx: &mut Cx,
+        f: impl FnOnce(&mut SkFlowSat, &mut Cx) -> Result<R, SatelliteError>,
+    ) -> io::Result<R> {
+        cx.with(self, f).map_err(io::Error::other)?.map_err(io::Error::other)
+    }
+
+    /// Hears a channel, by its full name, now or as soon as it exists: the newest messages, if this satellite
+    /// does not keep up with all.
     ///
     /// # Errors
     /// If the name cannot be, or the satellite is gone.
     pub fn subscribe(self, cx: &mut Cx, full_name: &str) -> io::Result<()> {
-        self.change_wish(cx, full_name, true)
+        self.subscribe_to_newest(cx, full_name, 0)
+    }
+
+    /// As [`subscribe`](Handle#method.subscribe); at most `depth` messages wait at the hub, 0 for its default
+    /// of 64. With 1 it is always the newest that comes next.
+    ///
+    /// # Errors
+    /// If the name cannot be, or the satellite is gone.
+    pub fn subscribe_to_newest(self, cx: &mut Cx, full_name: &str, depth: u16) -> io::Result<()> {
+        self.command(cx, |satellite, cx| satellite.change_wish(cx, full_name, Some((Policy::Latest, depth))))
+    }
+
+    /// Hears every message of a channel. If more than `depth` wait, 0 for the hub's default of 64, the hub ends
+    /// the connection, since this satellite must not miss any; it comes back by itself.
+    ///
+    /// # Errors
+    /// If the name cannot be, or the satellite is gone.
+    pub fn subscribe_to_all(self, cx: &mut Cx, full_name: &str, depth: u16) -> io::Result<()> {
+        self.command(cx, |satellite, cx| satellite.change_wish(cx, full_name, Some((Policy::All, depth))))
     }
 
     /// Hears a channel no more.
@@ -80,24 +141,7 @@ impl Handle<SkFlowSat> {
     /// # Errors
     /// If the name cannot be, or the satellite is gone.
     pub fn unsubscribe(self, cx: &mut Cx, full_name: &str) -> io::Result<()> {
-        self.change_wish(cx, full_name, false)
-    }
-
-    fn change_wish(self, cx: &mut Cx, full_name: &str, wanted: bool) -> io::Result<()> {
-        let changed = cx.with(self, |satellite, cx| {
-            sk_flat::Name::new(full_name)?;
-            if wanted {
-                satellite.wanted.insert(full_name.to_owned(), 0);
-            } else {
-                satellite.wanted.remove(full_name);
-            }
-            if let Some(core) = satellite.core.as_mut().filter(|core| core.is_ready()) {
-                if wanted { core.subscribe(full_name, 0)? } else { core.unsubscribe(full_name)? }
-            }
-            satellite.flush_later(cx);
-            Ok::<(), SatelliteError>(())
-        });
-        changed.map_err(io::Error::other)?.map_err(io::Error::other)
+        self.command(cx, |satellite, cx| satellite.change_wish(cx, full_name, None))
     }
 
     /// All channels of the hub, by name; none while there is no link.

@@ -1,6 +1,7 @@
 //! A satellite as an object: its link to a hub around a [`SatelliteCore`], and the way back when it breaks.
 
 mod blobs;
+mod channels;
 mod clerk;
 mod commands;
 mod database;
@@ -12,21 +13,21 @@ pub use blobs::{BlobProgress, FlowBlob, FlowDownload};
 pub use database::{FlowDatabase, Variable};
 pub(crate) use services::doc_or_map;
 
-use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteError, SatelliteEvent, TickReport};
+use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteEvent, TickReport};
+use super::server::Session;
 #[cfg(feature = "tls")]
 use super::transport::TlsTrust;
 use super::transport::{Broken, Core, Destination, Link, PipeSeed, TURN_BYTES_MAX, Turn, dial};
 use super::wire::Slices;
-use super::{ChannelRef, Encoded, FlowMessage, HubAddress};
+use super::{ChannelRef, Encoded, FlowMessage, HubAddress, Policy};
 use crate::eventloop::Timer;
 use crate::object::{Handle, ObjectId};
 use crate::signal::Signal;
-use crate::testing::{Bug, is_planted};
 use crate::world::{Readiness, Token};
 use crate::{Cx, attach};
-use bytes::Bytes;
-use sk_flat::{Instant, SkVariant};
-use std::collections::BTreeMap;
+use channels::{Own, own_name};
+use sk_flat::Instant;
+use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 use std::time::Duration;
 
@@ -68,12 +69,20 @@ pub struct SkFlowSat {
     link: Option<Box<dyn Link>>,
     token: Option<Token>,
     waiting: Option<Encoded>,
-    room: Vec<u8>,
+    read_into: Vec<u8>,
     flush_asked: bool,
     /// What this satellite owns, by its own names; opened again after a reconnection.
     own: BTreeMap<String, Own>,
     /// What it wants to hear, by full names.
-    wanted: BTreeMap<String, u16>,
+    wanted: BTreeMap<String, (Policy, u16)>,
+    /// What it ceased to want while there was no link, and the hub may still think it wants.
+    renounced: BTreeSet<String>,
+    /// What its flow is called, or empty.
+    flow_name: String,
+    /// Of its last flow: with this it takes its own place again after a link broke.
+    session: Session,
+    /// The hub did not let this connection become a flow.
+    turned_away: bool,
     /// All channels, in step with the events that were told.
     heard: BTreeMap<ChannelRef, Rc<ChannelInfo>>,
     services: services::Services,
@@ -107,6 +116,11 @@ pub struct SkFlowSat {
     pub channel_added: Signal<ChannelInfo>,
     /// A channel is gone, anybody's.
     pub channel_removed: Signal<ChannelInfo>,
+    /// A channel says something else about itself, anybody's.
+    pub header_changed: Signal<ChannelInfo>,
+    /// After [`publish`](Handle#method.publish) answered `false` on a reliable channel, its slowest subscriber has
+    /// caught up; carries the channel's own name.
+    pub room: Signal<String>,
     /// The hub refused a command; carries the hub's words.
     pub refused: Signal<String>,
     /// This loop follows a sync channel from now on, or not any more.
@@ -128,6 +142,8 @@ crate::object! {
             message(&FlowMessage)
             channel_added(&ChannelInfo)
             channel_removed(&ChannelInfo)
+            header_changed(&ChannelInfo)
+            room(String)
             refused(String)
             synced(bool)
             sync_report(TickReport)
@@ -146,11 +162,6 @@ enum Way {
     },
     /// Inside the process: if that breaks there is no hub any more.
     Pipe,
-}
-
-struct Own {
-    properties: SkVariant,
-    channel: Option<ChannelRef>,
 }
 
 struct Side<'a> {
@@ -254,10 +265,14 @@ impl SkFlowSat {
                 link: None,
                 token: None,
                 waiting: None,
-                room: vec![0; TURN_BYTES_MAX],
+                read_into: vec![0; TURN_BYTES_MAX],
                 flush_asked: false,
                 own: BTreeMap::new(),
                 wanted: BTreeMap::new(),
+                renounced: BTreeSet::new(),
+                flow_name: String::new(),
+                session: [0; 16],
+                turned_away: false,
                 heard: BTreeMap::new(),
                 services: services::Services::default(),
                 sync: sync::Sync::default(),
@@ -277,6 +292,8 @@ impl SkFlowSat {
                 message: Signal::new(),
                 channel_added: Signal::new(),
                 channel_removed: Signal::new(),
+                header_changed: Signal::new(),
+                room: Signal::new(),
                 refused: Signal::new(),
                 synced: Signal::new(),
                 sync_report: Signal::new(),
@@ -319,6 +336,8 @@ impl SkFlowSat {
             Some(bytes_max) => core.with_fragments_of(bytes_max),
             None => core,
         });
+        self.core = self.core.take().map(|core| core.named(&self.flow_name).resuming(self.session));
+        self.turned_away = false;
         self.link = Some(link);
         self.token = Some(token);
         self.waiting = None;
@@ -336,9 +355,7 @@ impl SkFlowSat {
         if let Some(core) = self.core.take() {
             self.losses += core.lost();
         }
-        for own in self.own.values_mut() {
-            own.channel = None;
-        }
+        self.own.values_mut().for_each(Own::forget_channel);
         self.heard.clear();
         self.end_services(cx);
         self.end_sync(cx);
@@ -439,7 +456,7 @@ impl SkFlowSat {
         let wrote = if link.may_write(readiness) { link.write(cx, &mut side) } else { Turn::Done };
         // Read in any case: a hub that takes nothing any more may have said why.
         let read = readiness.readable || wrote == Turn::Over;
-        let mut turn = if read { link.read(cx, &mut side, &mut self.room) } else { Turn::Done };
+        let mut turn = if read { link.read(cx, &mut side, &mut self.read_into) } else { Turn::Done };
         if wrote == Turn::Over && turn == Turn::Done {
             turn = Turn::Over;
         }
@@ -463,100 +480,36 @@ impl SkFlowSat {
         self.note_sync(cx, &event);
         match &event {
             SatelliteEvent::Ready => self.restore(cx),
-            SatelliteEvent::Created { channel, name, .. } => {
-                if let Some(own) = self.own.get_mut(own_name(name)) {
-                    own.channel = Some(*channel);
-                }
+            SatelliteEvent::Created { tag, channel, name } => {
+                self.created(cx, *tag, *channel, name);
                 self.service_created(own_name(name), *channel);
                 self.sync_created(own_name(name), *channel);
             }
             SatelliteEvent::ChannelAdded(info) => {
                 self.heard.insert(info.channel, Rc::new(info.clone()));
+                self.repeat_new_source(cx, info);
                 self.send_waiting(cx, Some(&info.name));
             }
             SatelliteEvent::ChannelRemoved(info) => {
                 self.heard.remove(&info.channel);
+            }
+            SatelliteEvent::HeaderChanged { info, .. } => {
+                self.heard.insert(info.channel, Rc::new(info.clone()));
+            }
+            // Before it is ready nothing else can be refused than to become a flow.
+            SatelliteEvent::Refused { text, .. } if !self.was_ready => {
+                self.turned_away = true;
+                self.farewell = Some(text.clone());
             }
             _ => {}
         }
         Some(event)
     }
 
-    fn restore(&mut self, cx: &mut Cx) {
-        self.reconnect_after = RECONNECT_FIRST;
-        self.was_ready = true;
-        let Some(core) = &mut self.core else { return };
-        for (name, own) in &self.own {
-            if let Err(error) = core.create(name, &own.properties) {
-                tracing::error!("channel {name} cannot be opened: {error}");
-            }
-        }
-        for (name, depth) in self.wanted.iter().filter(|_| !is_planted(Bug::SubscriptionsForgotten)) {
-            if let Err(error) = core.subscribe(name, *depth) {
-                tracing::error!("channel {name} cannot be subscribed to: {error}");
-            }
-        }
-        self.restore_services(cx);
-        self.restore_sync();
-        let (interval, mode) = (cx.settings().interval, cx.settings().mode);
-        self.clerk
-            .introduce("pulse.interval_ms", &(interval.as_secs_f64() * 1000.0).into());
-        self.clerk.introduce("pulse.mode", &format!("{mode:?}").into());
-        if let Some(core) = &mut self.core {
-            self.clerk.restore(core);
-            self.porter.restore(core);
-        }
-        self.carry_on(cx);
-        self.flush_later(cx);
-    }
-
-    fn own_name_of(&self, channel: ChannelRef) -> Option<String> {
-        let found = self.own.iter().find(|(_, own)| own.channel == Some(channel));
-        found.map(|(name, _)| name.clone())
-    }
-
     /// As it was when the event came: the core may know already that the channel has gone since.
     fn heard_channel(&self, channel: ChannelRef) -> Option<Rc<ChannelInfo>> {
         self.heard.get(&channel).cloned()
     }
-
-    // ---- commands ----
-
-    fn open(&mut self, cx: &mut Cx, name: &str, properties: SkVariant) -> Result<(), SatelliteError> {
-        sk_flat::Name::new(name)?;
-        if self.own.contains_key(name) {
-            // Opened before, by a module that was restarted: the channel and its listeners are kept.
-            return Ok(());
-        }
-        if let Some(core) = self.core.as_mut().filter(|core| core.is_ready()) {
-            core.create(name, &properties)?;
-        }
-        self.own.insert(name.to_owned(), Own { properties, channel: None });
-        self.flush_later(cx);
-        Ok(())
-    }
-
-    fn publish(&mut self, cx: &mut Cx, name: &str, payload: impl FnOnce() -> Option<Bytes>) -> bool {
-        let Some(own) = self.own.get(name) else { return false };
-        let (Some(core), Some(channel)) = (&mut self.core, own.channel) else {
-            self.losses += 1;
-            return false;
-        };
-        if !core.is_listened(channel) {
-            return false;
-        }
-        let sent = payload().is_some_and(|payload| core.publish(channel, payload) == Ok(true));
-        if !sent {
-            self.losses += 1;
-        }
-        self.flush_later(cx);
-        sent
-    }
-}
-
-/// `user.name` without the user.
-fn own_name(full: &str) -> &str {
-    full.split_once('.').map_or(full, |(_, name)| name)
 }
 
 /// The link is ready.
@@ -566,10 +519,12 @@ fn serve(cx: &mut Cx, satellite: ObjectId, readiness: Readiness) -> bool {
     // Events first: a hub says why before it ends a connection.
     events::tell_all(cx, satellite);
     let turn = turn.unwrap_or(Turn::Done);
-    if turn == Turn::Over {
+    let turned_away = cx.with(satellite, |satellite, _| satellite.turned_away) == Ok(true);
+    if turn == Turn::Over || turned_away {
         // A satellite that was destroyed by its own event needs no way back.
         let _ = cx
             .with(satellite, |satellite, cx| satellite.break_link(cx, "the hub ended the connection".into()));
+        return false;
     }
     turn == Turn::More
 }

@@ -278,7 +278,8 @@ impl SkFlowSat {
     /// A new link: services are opened again, and calls that waited are sent.
     pub(super) fn restore_services(&mut self, cx: &mut Cx) {
         if let Some(core) = &mut self.core {
-            for (name, serving) in &self.services.serving {
+            // Those that the hub kept have their channels already.
+            for (name, serving) in self.services.serving.iter().filter(|(_, known)| known.channel.is_none()) {
                 if let Err(error) = core.create_service(name, &serving.properties) {
                     tracing::error!("service {name} cannot be opened: {error}");
                 }

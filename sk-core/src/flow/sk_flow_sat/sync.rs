@@ -207,6 +207,7 @@ impl SkFlowSat {
     pub(super) fn restore_sync(&mut self) {
         let Some(core) = &mut self.core else { return };
         if let Some(source) = &self.sync.source
+            && source.channel.is_none()
             && let Err(error) = core.create_sync(&source.name, &source_properties(source.interval))
         {
             tracing::error!("sync channel {} cannot be opened: {error}", source.name);

@@ -144,7 +144,7 @@ flow_table! {
     /// How much the owner of a channel with `delivery: reliable` may publish; what goes beyond is dropped.
     0x9c credit Credit [Flow] Nothing 1 whole {
         channel: ChannelRef = "The channel.",
-        bytes: u64 = "Payload bytes since the channel was created, in all.",
+        bytes: u64 = "Since the channel was created or its flow resumed, in all: of each fragment its payload and 64 bytes.",
     }
     /// A tick of a sync channel that this flow subscribes to.
     0x9d tick Tick [Flow] Nothing 1 whole {

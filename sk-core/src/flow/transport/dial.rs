@@ -64,7 +64,7 @@ fn check(to: &Destination) -> io::Result<()> {
     }
 }
 
-#[cfg_attr(not(any(feature = "tls", feature = "websocket")), expect(unused_variables))]
+#[cfg_attr(not(feature = "websocket"), expect(unused_variables))]
 fn layers_over(cx: &mut Cx, to: &Destination, stream: Box<dyn Stream>) -> io::Result<Box<dyn Stream>> {
     #[cfg(feature = "tls")]
     let stream = match (&to.trust, &to.address, to.address.endpoint()) {

@@ -79,7 +79,8 @@ pub struct Page {
     pub body: Bytes,
 }
 
-/// A connection that has become something else than HTTP.
+/// A connection that has become something else than HTTP. So far that is WebSocket only.
+#[cfg_attr(not(feature = "websocket"), expect(dead_code))]
 pub(crate) struct Upgraded {
     pub(crate) stream: Box<dyn Stream>,
     pub(crate) token: Token,

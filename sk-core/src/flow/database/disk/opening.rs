@@ -169,7 +169,7 @@ fn look_through(engine: &Database) -> Result<Vec<(DatabaseName, Saved)>, FileErr
         contents(&variables, name.value(), about.keys)?;
         expected += about.keys;
         let damaged = |_| FileError::Record { what: "the name", database: name.value().to_owned() };
-        saved.push((DatabaseName::parse(name.value()).map_err(damaged)?, about));
+        saved.push((DatabaseName::parse_stored(name.value()).map_err(damaged)?, about));
     }
     let found = usize::try_from(variables.len().map_err(of_engine)?).unwrap_or(usize::MAX);
     if found != expected {

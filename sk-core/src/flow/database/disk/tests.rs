@@ -234,7 +234,9 @@ fn survive_power_cuts(seed: u64) {
 
 #[test]
 fn s103_what_was_acknowledged_survives_power_cuts_at_any_moment() {
-    for seed in 0..400 {
+    // More of them by hand: `SK_SEEDS=10000 cargo test -p specialk-core power_cuts`.
+    let seeds = std::env::var("SK_SEEDS").ok().and_then(|seeds| seeds.parse().ok());
+    for seed in 0..seeds.unwrap_or(400) {
         survive_power_cuts(seed);
     }
 }

@@ -11,10 +11,11 @@ use super::super::channel::Owner;
 use super::super::error::{ProtocolError, RefusalCode};
 use super::super::fragment::Gathered;
 use super::super::limits::BLOB_READS_PER_CONNECTION_MAX;
-use super::super::{ChannelKind, ChannelRef, Command, Flags, Form, Properties};
+use super::super::{ChannelKind, ChannelRef, Command, Flags, Form, Properties, Right};
 use super::connection::Incoming;
 use super::telling::Telling;
 use super::{ConnectionId, ServerCore};
+use crate::testing::{Bug, is_planted};
 use bytes::Bytes;
 use desk::{Purpose, Reading, Waiting};
 use sk_flat::Name;
@@ -71,8 +72,8 @@ impl ServerCore {
         self.filing.tell(name, BlobWork::Close);
     }
 
-    /// The full name of a blob channel, if this connection may do there what it wants. Whether its account has the
-    /// right at all was checked with the command.
+    /// The full name of a blob channel, if this connection may do there what it wants. It is asked again for each
+    /// piece of a listing or a download, so that a right that is revoked ends what is under way.
     fn blob_channel(
         &self,
         id: ConnectionId,
@@ -80,6 +81,13 @@ impl ServerCore {
         wish: Wish,
     ) -> Result<Name, RefusalCode> {
         let (known, _) = self.channels.get(channel).ok_or(RefusalCode::Gone)?;
+        let right = match wish {
+            Wish::Read => Right::BlobRead,
+            Wish::Change => Right::BlobWrite,
+        };
+        if !self.is_allowed(id, right, known.name.as_str()) && !is_planted(Bug::RightsSkipped) {
+            return Err(RefusalCode::Denied);
+        }
         if known.kind != ChannelKind::Blob {
             return Err(RefusalCode::WrongKind);
         }

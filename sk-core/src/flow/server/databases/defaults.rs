@@ -17,7 +17,7 @@ impl ServerCore {
             Some(Entity::Flow(flow)) => self.about_flow(ConnectionId::from_wire(flow)),
             Some(Entity::Channel(channel)) => self.about_channel(channel),
             Some(Entity::User) => self.about_account(name.entity()),
-            None => Vec::new(),
+            Some(Entity::Hub) | None => Vec::new(),
         };
         computed.sort_unstable_by_key(|(key, _)| *key);
         computed
@@ -89,7 +89,14 @@ impl ServerCore {
             ("hub.flows", flows.into()),
             ("hub.kind", "user".into()),
             ("hub.name", user.into()),
+            ("hub.unreadable_rights", self.unreadable_rights(user)),
         ]
+    }
+
+    /// What is wrong with the account's rights, by key.
+    fn unreadable_rights(&self, user: &str) -> SkVariant {
+        let unreadable = self.accounts.unreadable(user).iter();
+        SkVariant::map(unreadable.map(|(key, why)| (key.clone(), why.to_string().into())))
     }
 
     fn passed_ms(&self, since: Instant) -> SkVariant {

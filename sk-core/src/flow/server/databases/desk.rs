@@ -48,7 +48,7 @@ impl Desk {
     }
 
     /// The answers of a synchronous connection come in the order of its commands, so they wait for this one.
-    pub(super) fn answers_wait_for(&mut self, request: u64) {
+    pub(in super::super) fn answers_wait_for(&mut self, request: u64) {
         self.awaited = Some(request);
     }
 

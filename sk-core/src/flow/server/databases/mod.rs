@@ -7,18 +7,18 @@ mod storing;
 mod watches;
 
 pub(super) use desk::Desk;
-pub(super) use storing::Storing;
+pub(super) use storing::{Purpose, Storing};
 pub(super) use watches::sendable;
 
 use super::super::database::{DatabaseKind, DatabaseName, Entity, Reach, StoreWork, Watcher, check_key};
 use super::super::definition::Tagged;
 use super::super::error::RefusalCode;
+use super::super::rights::RIGHT_PREFIX;
 use super::super::{Command, Event, Flags, Form, State, Value};
 use super::telling::Telling;
 use super::{ConnectionId, ServerCore};
 use access::Access;
 use sk_flat::Name;
-use storing::Purpose;
 
 /// Keys that begin so are made up when they are read, in the databases of flows, channels and accounts.
 const COMPUTED_PREFIX: &str = "hub.";
@@ -118,6 +118,7 @@ impl ServerCore {
         match command {
             Command::DbSelect { .. } => self.select_database(id, tag, name),
             Command::DbCreate { durable, .. } => self.create_database(id, tag, name, durable != 0),
+            Command::DbExists { .. } if !self.may_see(id, name) => Err(RefusalCode::Denied),
             Command::DbExists { .. } => {
                 let value = u8::from(self.databases.exists(name));
                 self.answer(id, tag, &Event::Flag { value });
@@ -172,6 +173,10 @@ impl ServerCore {
         name: &DatabaseName,
         durable: bool,
     ) -> Result<(), RefusalCode> {
+        let named = name.kind() == DatabaseKind::Named;
+        if named && !self.may(id, name, Access::Write) {
+            return Err(RefusalCode::Denied);
+        }
         if durable && !self.storing.is_on() {
             return Err(RefusalCode::NotOffered);
         }
@@ -270,6 +275,9 @@ impl ServerCore {
         };
         if changed.is_some() {
             self.tell_watchers(name, key);
+            if key.starts_with(RIGHT_PREFIX) {
+                self.rights_changed(name);
+            }
         }
         let durable = self.storing.is_on() && self.databases.open(name).is_some_and(|open| open.durable);
         if !durable {
@@ -278,6 +286,18 @@ impl ServerCore {
             }
             return Ok(());
         }
+        self.write_change(id, tag, name, key, value)
+    }
+
+    /// One change that was made in memory goes to the disk.
+    pub(super) fn write_change(
+        &mut self,
+        id: ConnectionId,
+        tag: u32,
+        name: &DatabaseName,
+        key: &str,
+        value: Option<Value>,
+    ) -> Result<(), RefusalCode> {
         if self.databases.open(name).is_some_and(|open| open.torn) {
             return self.write_whole(id, tag, name);
         }

@@ -27,24 +27,31 @@ struct Waiting {
 
 /// What an answer is for.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Purpose {
+pub(in super::super) enum Purpose {
     /// Commands wait for these contents.
     Summon,
     /// `db_load` of a database that is in memory.
     Reload { connection: ConnectionId, tag: u32 },
+    /// Nobody waits for it.
+    Quiet,
     /// To be told to the one who asked.
     Acknowledge { connection: ConnectionId, tag: u32 },
 }
 
 impl Storing {
     /// Whether there is a disk.
-    pub(super) fn is_on(&self) -> bool {
+    pub(in super::super) fn is_on(&self) -> bool {
         self.on
     }
 
     /// Queues a request; answers its number. Who asks is held when he has as many waiting as he may, so the
     /// queue is bounded by the number of connections.
-    pub(super) fn ask(&mut self, database: &DatabaseName, work: StoreWork, purpose: Purpose) -> u64 {
+    pub(in super::super) fn ask(
+        &mut self,
+        database: &DatabaseName,
+        work: StoreWork,
+        purpose: Purpose,
+    ) -> u64 {
         self.last += 1;
         let number = self.last;
         self.requests
@@ -87,6 +94,8 @@ impl ServerCore {
         let number = answer.number;
         let Some(Waiting { database, purpose }) = self.storing.waiting.remove(&number) else { return };
         match (purpose, answer.outcome) {
+            (Purpose::Quiet, Ok(_)) => {}
+            (Purpose::Quiet, Err(failure)) => self.log_failure(&database, &failure),
             (Purpose::Summon, outcome) => self.summoned(&database, number, outcome),
             (Purpose::Reload { connection, tag }, Ok(Stored::Contents(contents))) => {
                 self.reloaded(connection, tag, &database, contents);
@@ -139,6 +148,7 @@ impl ServerCore {
         if failed {
             self.databases.failed_to_arrive(name, number);
         }
+        self.rights_changed(name);
         for id in self.connections.ids() {
             let Some(connection) = self.connections.get_mut(id) else { continue };
             if !connection.desk.answered(number) {
@@ -165,6 +175,7 @@ impl ServerCore {
         match replaced {
             Ok(()) => {
                 self.tell_all_watchers(name);
+                self.rights_changed(name);
                 self.answer(id, tag, &Event::Done {});
             }
             Err(code) => self.refuse(id, tag, code),

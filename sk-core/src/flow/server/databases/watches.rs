@@ -92,7 +92,7 @@ impl ServerCore {
     }
 
     /// Ends the watches that a connection has no right to any more.
-    pub(super) fn recheck_watches(&mut self, id: ConnectionId) {
+    pub(in super::super) fn recheck_watches(&mut self, id: ConnectionId) {
         let Some(connection) = self.connections.get(id) else { return };
         let watches: Vec<(DatabaseName, u32)> = connection
             .desk

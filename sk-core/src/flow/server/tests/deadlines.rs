@@ -125,3 +125,66 @@ fn one_connection_has_its_turn_and_then_others_have_theirs() {
     assert_eq!(greedy.read(&mut hub).len(), 1000 - TURN_COST_MAX as usize);
     assert!(hub.wants_input(greedy.id));
 }
+
+#[test]
+fn a_pulse_costs_what_is_due_and_not_what_is_idle() {
+    let mut hub = hub();
+    let connections: Vec<Raw> = (0..500)
+        .map(|_| Raw::flow(&mut hub, Origin::Inside { rights: Rights::ALL }))
+        .collect();
+    hub.tick(at(3000));
+    assert_eq!(hub.alarms.len(), 0, "nothing is ever due of a module inside that says nothing");
+    let outside = Raw::flow(&mut hub, OWNER);
+    for ms in (3000..60_000).step_by(250) {
+        hub.tick(at(ms));
+        hub.receive(outside.id, &Command::Ping {}.encode(1, Flags::NONE).to_vec(), at(ms));
+        while hub.take(outside.id).is_some() {}
+        assert!(hub.alarms.len() <= 2, "what is heard sets no alarm");
+    }
+    assert_eq!(hub.connections(), connections.len() + 1);
+}
+
+#[test]
+fn after_five_failures_of_an_address_in_a_minute_failures_are_answered_late_and_successes_are_not() {
+    let mut hub = hub();
+    let bad = Command::LoginToken { proof: [3; 32] };
+    let address = Origin::Network([10, 0, 0, 9].into());
+    let fail = |hub: &mut ServerCore, origin: Origin, command: &Command| {
+        let mut raw = Raw::open(hub, origin);
+        raw.send(hub, 1, &Raw::hello(1024));
+        raw.read(hub);
+        raw.send(hub, 2, command);
+        let closed = matches!(messages(raw.read(hub)).pop(), Some(Event::Closing { .. }));
+        (raw, closed)
+    };
+    for attempt in 1..=FAILED_LOGINS_FREE + 1 {
+        // Whether there is no such way or the proof is wrong must not show.
+        let command = if attempt % 2 == 0 { &bad } else { &Command::LoginPeer {} };
+        let (mut raw, closed) = fail(&mut hub, address, command);
+        assert_eq!(closed, attempt <= FAILED_LOGINS_FREE, "attempt {attempt}");
+        if !closed {
+            raw.send(&mut hub, 3, &bad);
+            assert!(!hub.wants_input(raw.id), "nothing more is read meanwhile");
+            hub.tick(at(900));
+            assert!(raw.read(&mut hub).is_empty());
+            hub.tick(at(1250));
+            let last = messages(raw.read(&mut hub)).pop();
+            assert!(
+                matches!(last, Some(Event::Closing { reason, .. }) if reason == ClosingReason::LoginFailed.code())
+            );
+        }
+    }
+    assert!(fail(&mut hub, Origin::Network([10, 0, 0, 8].into()), &bad).1, "others are not concerned");
+    let token = Credentials::Token(OwnerToken::new([7; 32]));
+    let mut good = SatelliteCore::flow(token, [3; 32], hub.now);
+    let id = hub.open(address, [5; 32], hub.now).expect("a place");
+    for _ in 0..4 {
+        while let Some(frame) = good.take() {
+            hub.receive(id, &frame.to_vec(), hub.now);
+        }
+        while let Some(frame) = hub.take(id) {
+            good.receive(&frame.to_vec(), hub.now).expect("the hub is honest");
+        }
+    }
+    assert!(good.is_ready(), "who knows the token is let in at once");
+}

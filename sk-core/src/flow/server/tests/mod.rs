@@ -5,9 +5,15 @@ mod channels;
 mod databases;
 mod deadlines;
 mod delivery;
+mod inspect;
 mod login;
+mod policies;
+mod polling;
+mod reliable;
+mod replicas;
 mod service_limits;
 mod services;
+mod sessions;
 #[cfg(feature = "store")]
 mod stored;
 mod sync;
@@ -197,6 +203,53 @@ impl Raw {
 
     fn publish(&self, hub: &mut ServerCore, channel: ChannelRef, payload: Bytes) {
         self.send_flagged(hub, 9, Flags::WHOLE, &Command::Publish { channel, message: 1, payload });
+    }
+}
+
+fn with_properties(of: impl IntoIterator<Item = (&'static str, SkVariant)>) -> Properties {
+    Properties::new(&SkVariant::map(of)).expect("a small map")
+}
+
+impl Raw {
+    fn create_with(&mut self, hub: &mut ServerCore, name: &str, properties: Properties) -> ChannelRef {
+        self.send(hub, 76, &Command::CreateStream { name: name.to_owned(), properties });
+        let events = tagged(&self.read(hub), 76);
+        let created = events.iter().find_map(|event| match event {
+            Event::ChannelAdded { channel, .. } => Some(*channel),
+            _ => None,
+        });
+        created.unwrap_or_else(|| panic!("no channel, but {events:?}"))
+    }
+
+    fn subscribe_as(&mut self, hub: &mut ServerCore, channel: ChannelRef, policy: Policy, depth: u16) {
+        self.send(hub, 78, &Command::Subscribe { channel, policy, depth, divisor: 1 });
+        assert!(tagged(&self.read(hub), 78).contains(&Event::Subscribed { channel }));
+    }
+
+    /// Hands a message over without copying it, as a module inside the process does.
+    fn hand(&self, hub: &mut ServerCore, channel: ChannelRef, payload: &Bytes) {
+        for (flags, payload) in crate::flow::fragment::cut(payload.clone(), FRAGMENT_BYTES_MAX) {
+            let publish = Command::Publish { channel, message: 1, payload };
+            hub.accept(self.id, publish.encode(9, flags), hub.now);
+            while hub.work(hub.now) {}
+        }
+    }
+
+    /// The payloads of the messages of a channel that come now.
+    fn heard(&mut self, hub: &mut ServerCore, channel: ChannelRef) -> Vec<Vec<u8>> {
+        let mut messages = Vec::new();
+        for event in self.read(hub) {
+            if let Event::Data { channel: on, payload, .. } = &event.message
+                && *on == channel
+            {
+                if event.flags.has(Flags::FIRST) {
+                    messages.push(Vec::new());
+                }
+                let begun = messages.last_mut().expect("a message begins before it goes on");
+                begun.extend_from_slice(payload);
+            }
+        }
+        messages
     }
 }
 

@@ -141,8 +141,11 @@ fn an_asker_that_does_not_read_loses_its_call_and_hears_why() {
     assert_eq!(refusal(&events, 1), Some(RefusalCode::Full), "after all that was queued for it");
     asker.call(&mut hub, 2, channel, b"one");
     let request = owner.request(&mut hub);
-    owner.answer(&mut hub, request, 0, b"y");
-    assert_eq!(tagged(&asker.read(&mut hub), 2).len(), 1, "what was taken makes room");
+    let answer = Command::Answer { request, more: 0, payload: payload.clone() };
+    owner.send_flagged(&mut hub, 0, Flags::WHOLE, &answer);
+    let events = asker.read(&mut hub);
+    let reply = Event::Reply { more: 0, payload };
+    assert_eq!(tagged(&events, 2), [reply], "what was taken makes room");
 }
 
 #[test]

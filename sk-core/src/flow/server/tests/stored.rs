@@ -131,7 +131,7 @@ fn a_durable_set_is_seen_at_once_and_acknowledged_when_the_disk_has_it() {
 }
 
 #[test]
-fn the_answers_of_a_synchronous_connection_stay_in_order_and_nobody_else_waits() {
+fn s104_the_answers_of_a_synchronous_connection_stay_in_order_and_nobody_else_waits() {
     let mut robot = Robot::new();
     let mut writer = Raw::synchronous(&mut robot.hub, OWNER);
     robot.durable_database(&mut writer, "arm");

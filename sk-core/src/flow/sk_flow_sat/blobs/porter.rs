@@ -178,7 +178,8 @@ impl Porter {
 
     /// A hub is there again: the channels are opened anew.
     pub(in super::super) fn restore(&mut self, core: &mut SatelliteCore) {
-        for (name, own) in &self.own {
+        // Those that the hub kept have their channels already.
+        for (name, own) in self.own.iter().filter(|(_, own)| own.channel.is_none()) {
             create(core, name, &own.properties);
         }
     }

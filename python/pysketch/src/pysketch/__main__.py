@@ -1,0 +1,107 @@
+"""`python -m pysketch new|run|check|bench`: write a sketch, run one, look at the hub, measure."""
+
+from __future__ import print_function
+
+import argparse
+import os
+import runpy
+import sys
+
+from . import Refused, Sketch, __version__, connect
+from .bench import bench
+from .links import LinkError
+from .login import LoginError
+
+TEMPLATE = '''#!/usr/bin/env python
+"""A sketch: setup() once, loop() at each pulse."""
+
+from pysketch import Sketch
+
+sketch = Sketch(interval=0.1)   # seconds
+
+
+@sketch.setup
+def setup():
+    sketch.stream("{name}", unit="1", doc="a ramp from 0 to 1")
+
+
+@sketch.loop
+def loop():
+    sketch.publish("{name}", (sketch.pulse.statistics.ticks % 10) / 10.0)
+
+
+@sketch.subscribe("robot.{name}")
+def on_{name}(message):
+    print(message.name, message.value)
+
+
+if __name__ == "__main__":
+    sketch.run()
+'''
+
+
+def new(options):
+    """Writes a sketch that runs."""
+    name = os.path.splitext(os.path.basename(options.file))[0].lower().replace("-", "_")
+    if not name.replace("_", "a").isalnum() or name[0].isdigit():
+        raise SystemExit("pysketch: %r makes no name for a channel: use letters, digits and _" % name)
+    if os.path.exists(options.file):
+        raise SystemExit("pysketch: %s exists already" % options.file)
+    with open(options.file, "w") as file:
+        file.write(TEMPLATE.format(name=name))
+    print("%s is written. With a hub running (skrobot), try\n\n    python -m pysketch run %s" % (options.file, options.file))
+
+
+def run(options):
+    """Runs a sketch: its own `run()`, or that of a Sketch it only defines."""
+    sys.argv = [options.file] + options.arguments
+    sys.path.insert(0, os.path.dirname(os.path.abspath(options.file)))
+    found = runpy.run_path(options.file, run_name="__main__")
+    sketches = [value for value in found.values() if isinstance(value, Sketch)]
+    for sketch in sketches:
+        if not sketch._was_set_up:
+            sketch.run()
+
+
+def check(options):
+    """Says whether there is a hub and what it offers."""
+    with connect(options.hub) as hub:
+        channels = hub.channels()
+        print("The hub lets you in as %s. It has %d channels:" % (hub.user, len(channels)))
+        for channel in sorted(channels, key=lambda channel: channel.name):
+            print("  %-8s %s" % (channel.kind, channel.name))
+
+
+def main(arguments=None):
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m pysketch", description=__doc__)
+    parser.add_argument("--version", action="version", version="pysketch " + __version__)
+    tasks = parser.add_subparsers(dest="task", metavar="TASK")
+    task = tasks.add_parser("new", help="write a new sketch")
+    task.add_argument("file", help="where, such as ramp.py")
+    task = tasks.add_parser("run", help="run a sketch")
+    task.add_argument("file")
+    task.add_argument("arguments", nargs=argparse.REMAINDER, help="for the sketch")
+    for name, says in (("check", "see whether a hub answers, and what it offers"),
+                       ("bench", "measure what this Python takes from the hub")):
+        task = tasks.add_parser(name, help=says)
+        task.add_argument("--hub", help="unix:PATH, tcp:HOST:PORT or tty:DEVICE [default: this user's hub]")
+        if name == "bench":
+            task.add_argument("--seconds", type=float, default=2.0, help="for each measurement [default: 2]")
+            task.add_argument("--json", action="store_true", help="one object a line")
+    options = parser.parse_args(arguments)
+    if options.task is None:
+        parser.print_help()
+        return 2
+    try:
+        {"new": new, "run": run, "check": check, "bench": bench}[options.task](options)
+    except (LinkError, LoginError, Refused) as error:
+        print("pysketch: %s" % error, file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
