@@ -116,6 +116,7 @@ impl SatelliteCore {
                 self.creating.remove(&tag);
                 self.on_call_over(tag);
                 self.lists.remove(&tag);
+                self.on_blob_refused(tag);
                 if tag != 0 && tag == self.becoming {
                     // This connection can become nothing any more.
                     self.closing = true;
@@ -123,11 +124,11 @@ impl SatelliteCore {
                 self.events.push_back(SatelliteEvent::Refused { tag, code, text });
             }
             // Answers to what this satellite does not ask.
-            Event::UdpOpened { .. }
-            | Event::BlobResume { .. }
+            Event::UdpOpened { .. } => {}
+            event @ (Event::BlobResume { .. }
             | Event::BlobListed { .. }
             | Event::BlobEntry { .. }
-            | Event::BlobData { .. } => {}
+            | Event::BlobData { .. }) => self.on_blob_event(tag, flags, event),
             event @ (Event::UserListed { .. }
             | Event::DatabaseSelected { .. }
             | Event::DatabaseListed { .. }

@@ -6,6 +6,7 @@
 //! a channel of that name is opened anew.
 
 mod accounts;
+mod blobs;
 mod channels;
 mod databases;
 mod event;
@@ -110,6 +111,8 @@ pub struct SatelliteCore {
     /// A login by password that is under way, and what is to be derived for it.
     scram: Option<ClientExchange>,
     derivation: Option<Derivation>,
+    /// The tags of downloads under way.
+    downloads: BTreeSet<u32>,
     /// Lists of other things under way, by the tags of their commands.
     lists: BTreeMap<u32, databases::List>,
     /// The full name of the flow, once it is one.
@@ -182,6 +185,7 @@ impl SatelliteCore {
             listed: Vec::new(),
             scram: None,
             derivation: None,
+            downloads: BTreeSet::new(),
             lists: BTreeMap::new(),
             flow_full_name: None,
             events: VecDeque::new(),

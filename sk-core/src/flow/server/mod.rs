@@ -16,6 +16,7 @@ mod accounts;
 mod addresses;
 mod alarms;
 mod audience;
+mod blobs;
 mod books;
 mod channels;
 mod connection;
@@ -127,6 +128,7 @@ pub struct ServerCore {
     channels: Registry<Subscribers>,
     databases: Databases,
     storing: databases::Storing,
+    filing: blobs::Filing,
     /// Connections with commands that wait for their turn.
     work: VecDeque<ConnectionId>,
     dirty: Vec<ConnectionId>,
@@ -175,6 +177,7 @@ impl ServerCore {
             channels: Registry::default(),
             databases: Databases::default(),
             storing: databases::Storing::default(),
+            filing: blobs::Filing::default(),
             work: VecDeque::new(),
             dirty: Vec::new(),
             notices: VecDeque::new(),
@@ -482,6 +485,7 @@ impl ServerCore {
 
     fn after_output(&mut self, id: ConnectionId) {
         self.fill(id);
+        self.go_on_reading(id);
         self.give_credit(id);
         let Some(connection) = self.connections.get(id) else { return };
         if let Some((reason, _)) = connection.closing {

@@ -5,6 +5,7 @@ use super::super::error::{ProtocolError, RefusalCode};
 use super::super::limits::TURN_COST_MAX;
 use super::super::scram::Verifier;
 use super::super::{ChannelKind, Command, Event, Flags, Message};
+use super::blobs::UploadPiece;
 use super::services::{AnswerPiece, CallPiece};
 use super::subscriptions::Wish;
 use super::{ConnectionId, ServerCore};
@@ -160,6 +161,19 @@ impl ServerCore {
             }
             Command::Decline { request, text } => self.decline(id, request, text),
             Command::Cancel { call } => self.cancel(id, call),
+            Command::CreateBlob { name, properties } => self.create_blob(id, tag, &name, properties),
+            Command::BlobWrite { channel, path, offset, payload } => {
+                self.blob_write(id, tag, flags, UploadPiece { channel, path: path.0, offset, payload })?;
+            }
+            message @ (Command::BlobBegin { .. }
+            | Command::BlobCommit { .. }
+            | Command::BlobAbort { .. }
+            | Command::BlobMkdir { .. }
+            | Command::BlobMove { .. }
+            | Command::BlobRemove { .. }
+            | Command::BlobList { .. }
+            | Command::BlobStat { .. }
+            | Command::BlobRead { .. }) => self.blob_command(id, tag, message),
             message @ (Command::DbSelect { .. }
             | Command::DbCreate { .. }
             | Command::DbExists { .. }

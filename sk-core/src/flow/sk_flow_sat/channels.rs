@@ -59,9 +59,10 @@ impl SkFlowSat {
             .introduce("pulse.interval_ms", &(interval.as_secs_f64() * 1000.0).into());
         self.clerk.introduce("pulse.mode", &format!("{mode:?}").into());
         self.clerk.restore(core);
+        self.porter.restore(core);
         self.restore_services(cx);
         self.restore_sync();
-        self.flush_later(cx);
+        self.carry_on(cx);
     }
 
     /// A channel of this satellite's exists: it was opened, or (tag 0) kept by the hub.

@@ -2,6 +2,7 @@
 
 mod accounts;
 mod asking;
+mod blobs;
 mod channels;
 mod clerk;
 mod commands;
@@ -10,6 +11,7 @@ mod events;
 mod services;
 mod sync;
 
+pub use blobs::{BlobProgress, FlowBlob, FlowDownload};
 pub use database::{FlowDatabase, Variable};
 pub(crate) use services::doc_or_map;
 
@@ -95,6 +97,8 @@ pub struct SkFlowSat {
     /// Passwords of accounts from which a worker derives what the hub keeps.
     deriving: accounts::Deriving,
     questions: asking::Questions,
+    /// Who carries files.
+    porter: blobs::Porter,
     reconnect: Handle<Timer>,
     reconnect_after: Duration,
     losses: u64,
@@ -282,6 +286,7 @@ impl SkFlowSat {
                 clerk: clerk::Clerk::default(),
                 deriving: accounts::Deriving::default(),
                 questions: asking::Questions::default(),
+                porter: blobs::Porter::default(),
                 reconnect,
                 reconnect_after: RECONNECT_FIRST,
                 losses: 0,
@@ -363,6 +368,7 @@ impl SkFlowSat {
         self.end_sync(cx);
         self.clerk.lose();
         self.questions.lose();
+        self.porter.lose();
         if matches!(self.way, Way::Address { .. }) {
             // The timer is this object's child and lives as long as it.
             let _ = self.reconnect.start_once(cx, self.reconnect_after);
@@ -379,6 +385,7 @@ impl SkFlowSat {
         cx.post_own(this, move |cx| {
             database::tell_told(cx, this);
             asking::tell_answers(cx, this);
+            blobs::tell_told(cx, this);
             cx.emit_own(this, |satellite| &satellite.lost, &why);
         });
     }
@@ -401,7 +408,7 @@ impl SkFlowSat {
         if let Some(core) = &mut self.core {
             self.clerk.check(core);
         }
-        self.flush_later(cx);
+        self.carry_on(cx);
     }
 
     fn on_destroy(&mut self, cx: &mut Cx) {
@@ -472,11 +479,20 @@ impl SkFlowSat {
 
     // ---- what the hub says ----
 
+    /// Whether an event is for one of those who deal with the hub for others, and tell it themselves.
+    fn hear_apart(&mut self, event: &SatelliteEvent) -> bool {
+        if self.hear_answer(event) {
+            return true;
+        }
+        let Some(core) = &mut self.core else { return false };
+        self.clerk.hear(core, event) || self.porter.hear(core, event)
+    }
+
     /// Takes the next event and does the bookkeeping for it.
     fn next_event(&mut self, cx: &mut Cx) -> Option<SatelliteEvent> {
         let mut event = self.core.as_mut()?.next_event()?;
-        // What answers a question, or is about databases, is told apart.
-        while self.hear_answer(&event) || self.clerk.hear(self.core.as_mut()?, &event) {
+        // What answers a question, or is about databases or files, is told apart.
+        while self.hear_apart(&event) {
             event = self.core.as_mut()?.next_event()?;
         }
         self.note_sync(cx, &event);

@@ -3,7 +3,7 @@
 use super::*;
 use crate::flow::Value;
 use crate::flow::database::{Contents, DatabaseName, Saved};
-use crate::world::{SimulatedRng, SimulatedStorage, StoredFile};
+use crate::world::{SimulatedRng, SimulatedStorage, StoredFile, StoredFolder};
 use std::collections::BTreeMap;
 use std::io;
 use std::path::Path;
@@ -78,6 +78,9 @@ impl Storage for Failing {
         let file = self.disk.open(path, create)?;
         Ok(Arc::new(FailingFile { file, disk: self.disk.clone(), trouble: self.trouble.clone() }))
     }
+    fn open_to_read(&self, path: &Path) -> io::Result<Arc<dyn StoredFile>> {
+        self.open(path, false)
+    }
     fn read(&self, path: &Path, bytes_max: u64) -> io::Result<Vec<u8>> {
         self.disk.read(path, bytes_max)
     }
@@ -92,6 +95,9 @@ impl Storage for Failing {
     }
     fn create_dir(&self, path: &Path) -> io::Result<()> {
         self.disk.create_dir(path)
+    }
+    fn folder(&self, path: &Path) -> io::Result<Arc<dyn StoredFolder>> {
+        self.disk.folder(path)
     }
     fn list(&self, path: &Path) -> io::Result<Vec<PathBuf>> {
         self.disk.list(path)
