@@ -311,6 +311,11 @@ impl SatelliteCore {
         self.lost
     }
 
+    /// Whether a channel of this full name was asked for, and the hub has not answered.
+    pub fn is_creating(&self, full_name: &str) -> bool {
+        self.creating.values().any(|name| name == full_name)
+    }
+
     /// Asks for a streaming channel; `Created` or `Refused` with the tag answers.
     ///
     /// # Errors

@@ -95,6 +95,22 @@ impl SkFlowSat {
         self.flush_later(cx);
     }
 
+    /// A channel is gone, and one of this satellite's own may have waited for its name: a hub keeps what a process had
+    /// that vanished until it was silent for long enough, and refuses it to the next one.
+    pub(super) fn name_is_free(&mut self, cx: &mut Cx, full_name: &str) {
+        let Some(core) = self.core.as_mut().filter(|core| core.is_ready()) else { return };
+        let ours = full_name
+            .split_once('.')
+            .filter(|(user, _)| core.user().is_some_and(|own| own.as_str() == *user));
+        let Some((_, name)) = ours.filter(|_| !core.is_creating(full_name)) else { return };
+        if let Some(own) = self.own.get(name).filter(|own| own.channel.is_none()) {
+            log_failure(name, core.create(name, &own.properties));
+        }
+        self.services.open_if_missing(core, name);
+        self.sync.open_if_missing(core, name);
+        self.flush_later(cx);
+    }
+
     pub(super) fn own_name_of(&self, channel: ChannelRef) -> Option<String> {
         let found = self.own.iter().find(|(_, own)| own.channel == Some(channel));
         found.map(|(name, _)| name.clone())

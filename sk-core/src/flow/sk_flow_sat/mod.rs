@@ -510,6 +510,7 @@ impl SkFlowSat {
             }
             SatelliteEvent::ChannelRemoved(info) => {
                 self.heard.remove(&info.channel);
+                self.name_is_free(cx, &info.name);
             }
             SatelliteEvent::HeaderChanged { info, .. } => {
                 self.heard.insert(info.channel, Rc::new(info.clone()));

@@ -3,7 +3,7 @@
 use super::*;
 use crate::flow::Value;
 use crate::flow::database::{Contents, DatabaseName, Saved};
-use crate::world::{SimulatedRng, SimulatedStorage, StoredFile, StoredFolder};
+use crate::world::{DiskFaults, SimulatedRng, SimulatedStorage, StoredFile, StoredFolder};
 use std::collections::BTreeMap;
 use std::io;
 use std::path::Path;
@@ -374,6 +374,21 @@ fn damaged_files_are_set_aside_one_beside_the_other_and_told_in_words() {
         assert_eq!(damage.set_aside, PathBuf::from(format!("{FILE_PATH}.damaged-{number}")));
         assert!(damage.to_string().contains("set aside as /state/databases.redb.damaged-"), "{damage}");
     }
+}
+
+/// Found by the simulation: the next start finds no file and no damage, so this one has to tell.
+#[test]
+fn a_start_that_fails_behind_a_damage_tells_the_damage() {
+    let disk = Arc::new(SimulatedStorage::new());
+    disk.create_dir(Path::new("/state")).expect("a folder");
+    disk.replace(Path::new(FILE_PATH), b"this is no store").expect("a file");
+    let faults = DiskFaults { sync_errors: 1024, ..DiskFaults::default() };
+    disk.set_faults(faults, SimulatedRng::new(1, 1));
+    let refused = Store::open(disk.clone(), FILE_PATH.into());
+    let Err(error @ StoreError::NotBegun { .. }) = refused else { panic!("{refused:?}") };
+    assert!(error.to_string().contains("databases.redb.damaged-1"), "{error}");
+    disk.set_faults(DiskFaults::default(), SimulatedRng::new(1, 1));
+    assert!(opened(disk).damage.is_none());
 }
 
 #[test]
