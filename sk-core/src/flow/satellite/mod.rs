@@ -14,6 +14,7 @@ mod services;
 mod sync;
 #[cfg(test)]
 mod tests;
+mod udp;
 
 pub use databases::DatabaseInfo;
 pub use event::{ChannelInfo, SatelliteError, SatelliteEvent, TickReport};
@@ -109,6 +110,7 @@ pub struct SatelliteCore {
     events: VecDeque<SatelliteEvent>,
     next_tag: u32,
     lost: u64,
+    udp: udp::Udp,
     closing: bool,
     opened: Instant,
     heard: Instant,
@@ -177,6 +179,7 @@ impl SatelliteCore {
             events: VecDeque::new(),
             next_tag: 0,
             lost: 0,
+            udp: udp::Udp::default(),
             closing: false,
             opened: now,
             heard: now,
