@@ -75,6 +75,9 @@ fn t15_what_is_not_proven_and_new_changes_nothing_and_is_answered_by_nothing() {
     listener.subscribe(&mut hub, channel);
     let mut writer = open(&mut hub, &mut owner);
     let good = datagrams(&mut writer, channel, 0, Bytes::from_static(b"x"), 1000).remove(0);
+    owner.read(&mut hub);
+    listener.read(&mut hub);
+    drop(hub.take_dirty());
     let before = hub.totals();
     let mut stranger = DatagramWriter::new(1, DatagramKey::new([0; 32]));
     let unknown = datagrams(&mut stranger, channel, 0, Bytes::from_static(b"x"), 1000).remove(0);
