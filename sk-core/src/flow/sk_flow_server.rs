@@ -1,6 +1,7 @@
 //! The hub's server as an object: listeners and links around a [`ServerCore`].
 
 mod blob_keeper;
+mod datagrams;
 mod doors;
 mod keeper;
 mod services;
@@ -16,7 +17,7 @@ use crate::net::http::HttpServer;
 use crate::object::{Access, Handle, ObjectId};
 use crate::signal::Signal;
 use crate::testing::{Bug, is_planted};
-use crate::world::{Endpoint, Readiness, Stream, Token};
+use crate::world::{Datagram, Endpoint, Readiness, Stream, Token};
 use crate::{Cx, attach};
 use blob_keeper::BlobKeeper;
 pub use keeper::KeepError;
@@ -52,6 +53,8 @@ const INSIDERS_LINGER: Duration = Duration::from_secs(1);
 pub struct SkFlowServer {
     core: ServerCore,
     doors: FxHashMap<Token, Door>,
+    /// Where datagrams come in.
+    datagrams: FxHashMap<Token, Box<dyn Datagram>>,
     #[cfg(feature = "http")]
     http: Option<Handle<HttpServer>>,
     links: FxHashMap<Token, Served>,
@@ -157,6 +160,7 @@ impl SkFlowServer {
             SkFlowServer {
                 core: ServerCore::new(settings, cx.now()),
                 doors: FxHashMap::default(),
+                datagrams: FxHashMap::default(),
                 #[cfg(feature = "http")]
                 http: None,
                 links: FxHashMap::default(),
@@ -452,6 +456,7 @@ impl SkFlowServer {
         for (token, _) in self.doors.drain() {
             cx.remove_source(token);
         }
+        self.stop_datagrams(cx);
         #[cfg(feature = "http")]
         if let Some(http) = self.http {
             // It is this object's child, and gone only if somebody destroyed it.

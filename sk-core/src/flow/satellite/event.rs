@@ -79,6 +79,13 @@ pub enum SatelliteEvent {
         /// The answer.
         value: Value,
     },
+    /// There is a session for datagrams now, and a former one is over.
+    UdpOpened {
+        /// Of the command.
+        tag: u32,
+        /// The hub's UDP port.
+        port: u16,
+    },
     /// The current database is another one, or none.
     DatabaseSelected {
         /// Of the `db_select`; 0 if it was removed.

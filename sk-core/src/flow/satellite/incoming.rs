@@ -112,6 +112,7 @@ impl SatelliteCore {
                 self.latest(tag, flags, channel, message, payload)?
             }
             Event::Credit { channel, bytes } => self.credited(channel, bytes),
+            Event::UdpOpened { session, key, port } => self.udp_opened(tag, session, key, port),
             Event::Refused { code, text } => {
                 self.creating.remove(&tag);
                 self.on_call_over(tag);
@@ -123,8 +124,6 @@ impl SatelliteCore {
                 }
                 self.events.push_back(SatelliteEvent::Refused { tag, code, text });
             }
-            // Answers to what this satellite does not ask.
-            Event::UdpOpened { .. } => {}
             event @ (Event::BlobResume { .. }
             | Event::BlobListed { .. }
             | Event::BlobEntry { .. }

@@ -16,6 +16,7 @@ mod services;
 mod sync;
 #[cfg(test)]
 mod tests;
+mod udp;
 
 pub use accounts::{AccountInfo, PasswordLogin};
 pub use databases::DatabaseInfo;
@@ -120,6 +121,7 @@ pub struct SatelliteCore {
     events: VecDeque<SatelliteEvent>,
     next_tag: u32,
     lost: u64,
+    udp: udp::Udp,
     closing: bool,
     opened: Instant,
     heard: Instant,
@@ -191,6 +193,7 @@ impl SatelliteCore {
             events: VecDeque::new(),
             next_tag: 0,
             lost: 0,
+            udp: udp::Udp::default(),
             closing: false,
             opened: now,
             heard: now,

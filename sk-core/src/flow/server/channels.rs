@@ -135,6 +135,9 @@ impl ServerCore {
         {
             connection.owned.retain(|owned| *owned != channel);
             connection.gathering.forget(Incoming::Publish(channel));
+            if let Some(udp) = &mut connection.udp {
+                udp.forget(channel);
+            }
         }
         self.entity_ended(DatabaseKind::Channel, &known.name, Entity::Channel(channel));
         let event = Event::ChannelRemoved { channel };

@@ -14,6 +14,7 @@ use super::output::Output;
 use super::permission::Permission;
 use super::requests::RequestId;
 use super::telling::Telling;
+use super::udp::UdpSession;
 use sk_flat::{Instant, Name};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::fmt;
@@ -138,6 +139,8 @@ pub(super) struct Connection {
     /// The form of values in the events of the flow.
     pub(super) form: Form,
     pub(super) gathering: Gathering<Incoming>,
+    /// Its session for datagrams, if it has one.
+    pub(super) udp: Option<Box<UdpSession>>,
     /// The calls of this connection, by tag: those that it is sending and those that are open.
     pub(super) calls: BTreeMap<u32, Call>,
     /// The open requests to services of this connection's.
@@ -192,6 +195,7 @@ impl Connection {
             resumed: false,
             form: Form::Binary,
             gathering: Gathering::default(),
+            udp: None,
             calls: BTreeMap::new(),
             serving: BTreeSet::new(),
             owned: Vec::new(),

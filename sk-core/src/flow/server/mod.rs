@@ -45,12 +45,14 @@ mod telling;
 #[cfg(test)]
 mod tests;
 mod turn;
+mod udp;
 
 pub use accounts::AccountsError;
 pub use connection::{ConnectionId, Ending, Origin};
 pub use notice::Notice;
 pub use requests::RequestId;
 pub use sessions::Session;
+pub use udp::DatagramCounts;
 
 use super::channel::{Channel, Owner, Registry};
 use super::database::{DatabaseKind, DatabaseName, Databases, Entity};
@@ -142,6 +144,7 @@ pub struct ServerCore {
     /// What is kept for late joiners and those who poll.
     kept: usize,
     sessions: Sessions,
+    udp: udp::Udp,
     addresses: Addresses,
     alarms: Alarms,
     /// Connections that lost messages and were not told yet.
@@ -186,6 +189,7 @@ impl ServerCore {
             budget: Budget::default(),
             kept: 0,
             sessions: Sessions::default(),
+            udp: udp::Udp::default(),
             addresses: Addresses::default(),
             alarms: Alarms::default(),
             lossy: Vec::new(),
@@ -459,6 +463,7 @@ impl ServerCore {
     fn clear(&mut self, id: ConnectionId, reason: DropReason) {
         self.end_calls_of(id);
         self.end_session(id);
+        self.end_udp_session(id);
         let Some(connection) = self.connections.get_mut(id) else { return };
         let owned = std::mem::take(&mut connection.owned);
         let subscribed = connection.output.channels();

@@ -136,6 +136,7 @@ impl ServerCore {
             Command::Publish { channel, message, payload } => {
                 self.publish(id, tag, flags, super::publish::Piece { channel, message, payload })?;
             }
+            Command::UdpOpen {} => self.udp_open(id, tag),
             Command::Inspect { subject, form } => self.inspect(id, tag, &subject, form),
             Command::ChangeHeader { channel, properties } => {
                 self.change_header(id, tag, channel, properties);

@@ -18,15 +18,23 @@ pub(super) struct Own {
     latch_is_due: bool,
     /// The full name of what it repeats.
     source: Option<String>,
+    /// Its messages go by datagram where the hub takes them.
+    pub(super) by_udp: bool,
 }
 
 impl Own {
     fn new(properties: SkVariant) -> Own {
-        Own { properties, channel: None, latched: None, latch_is_due: false, source: None }
+        Own { properties, channel: None, latched: None, latch_is_due: false, source: None, by_udp: false }
     }
 
     fn has_latch(&self) -> bool {
         self.properties.get("latch") == Some(&SkVariant::Bool(true))
+    }
+
+    fn send(&self, core: &mut SatelliteCore, channel: ChannelRef, payload: Bytes) -> bool {
+        let sent =
+            if self.by_udp { core.publish_by_udp(channel, payload) } else { core.publish(channel, payload) };
+        sent == Ok(true)
     }
 
     /// The link is over.
@@ -62,6 +70,7 @@ impl SkFlowSat {
         self.porter.restore(core);
         self.restore_services(cx);
         self.restore_sync();
+        self.ask_for_udp(cx);
         self.carry_on(cx);
     }
 
@@ -153,7 +162,7 @@ impl SkFlowSat {
         if own.has_latch() {
             let Some(payload) = payload() else { return false };
             own.latched = Some(payload.clone());
-            let sent = way.is_some_and(|(core, channel)| core.publish(channel, payload) == Ok(true));
+            let sent = way.is_some_and(|(core, channel)| own.send(core, channel, payload));
             own.latch_is_due = !sent;
             self.flush_later(cx);
             return sent;
@@ -165,7 +174,7 @@ impl SkFlowSat {
         if !core.is_listened(channel) {
             return false;
         }
-        let sent = payload().is_some_and(|payload| core.publish(channel, payload) == Ok(true));
+        let sent = payload().is_some_and(|payload| own.send(core, channel, payload));
         if !sent {
             self.losses += 1;
         }

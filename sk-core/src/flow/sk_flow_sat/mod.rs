@@ -10,6 +10,7 @@ mod database;
 mod events;
 mod services;
 mod sync;
+mod udp;
 
 pub use blobs::{BlobProgress, FlowBlob, FlowDownload};
 pub use database::{FlowDatabase, Variable};
@@ -89,6 +90,7 @@ pub struct SkFlowSat {
     heard: BTreeMap<ChannelRef, Rc<ChannelInfo>>,
     services: services::Services,
     sync: sync::Sync,
+    udp: udp::Udp,
     /// How many links there have been.
     link_number: u64,
     call_timer: Handle<Timer>,
@@ -281,6 +283,7 @@ impl SkFlowSat {
                 heard: BTreeMap::new(),
                 services: services::Services::default(),
                 sync: sync::Sync::default(),
+                udp: udp::Udp::default(),
                 link_number: 0,
                 call_timer,
                 clerk: clerk::Clerk::default(),
@@ -366,6 +369,7 @@ impl SkFlowSat {
         self.heard.clear();
         self.end_services(cx);
         self.end_sync(cx);
+        self.close_udp(cx);
         self.clerk.lose();
         self.questions.lose();
         self.porter.lose();
@@ -419,7 +423,9 @@ impl SkFlowSat {
     }
 
     fn flush_later(&mut self, cx: &mut Cx) {
-        let has_output = self.waiting.is_some() || self.core.as_ref().is_some_and(SatelliteCore::has_output);
+        let has_output = self.waiting.is_some()
+            || self.core.as_ref().is_some_and(SatelliteCore::has_output)
+            || self.has_datagrams();
         if has_output {
             self.flush_in_next_round(cx);
         }
@@ -437,6 +443,7 @@ impl SkFlowSat {
     fn flush(&mut self, cx: &mut Cx) {
         self.flush_asked = false;
         self.finish_pulses(cx);
+        self.send_datagrams(cx);
         let now = cx.now();
         let (Some(core), Some(mut link)) = (&mut self.core, self.link.take()) else { return };
         let turn = link.write(cx, &mut Side { core, now, waiting: &mut self.waiting });
@@ -498,6 +505,7 @@ impl SkFlowSat {
         self.note_sync(cx, &event);
         match &event {
             SatelliteEvent::Ready => self.restore(cx),
+            SatelliteEvent::UdpOpened { port, .. } => self.udp_opened(cx, *port),
             SatelliteEvent::Created { tag, channel, name } => {
                 self.created(cx, *tag, *channel, name);
                 self.service_created(own_name(name), *channel);

@@ -25,6 +25,7 @@ mod sessions;
 #[cfg(feature = "store")]
 mod stored;
 mod sync;
+mod udp;
 mod watches;
 
 use super::super::limits::*;
