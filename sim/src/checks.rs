@@ -1,7 +1,7 @@
 //! What is looked at from outside: the hub's books and registries, the loops' counters, the log.
 
 use crate::ledger::{self, Rule};
-use crate::run::{Part, Run, Wishes, names_of};
+use crate::run::{Part, Run, Wishes, channels_of};
 use crate::{log, script::Role};
 use sk_core::flow::ChannelRef;
 use sk_core::flow::server::ServerCore;
@@ -58,7 +58,7 @@ pub(crate) fn always(run: &Run<'_>) {
             complain(Rule::Honest, text);
         }
         let denied = ledger::with(|ledger| ledger.may_not_publish.clone());
-        for prefix in denied.into_iter().map(names_of) {
+        for prefix in denied.into_iter().map(channels_of) {
             if core.channels().any(|(channel, _)| channel.name.as_str().starts_with(&prefix)) {
                 complain(Rule::Rights, format!("a channel {prefix}… exists, and its owner may not publish"));
             }
@@ -109,6 +109,9 @@ pub(crate) fn calm(run: &Run<'_>) {
             }
         }
     });
+    if let Some(unfinished) = run.parts.keys().find_map(|number| run.unfinished(*number)) {
+        complain(Rule::Kept, unfinished);
+    }
     if let Some(key) = ledger::with(|ledger| ledger.endless_call()) {
         complain(Rule::Services, format!("{key:?} has no end"));
     }

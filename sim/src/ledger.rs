@@ -2,6 +2,7 @@
 //!
 //! A run is one thread, and so is its ledger: actors on any loop of the run write into the same one.
 
+use crate::archive::Archive;
 use crate::stamp::{Origin, Stamp, channel_name};
 use sk_core::flow::{ChannelRef, RefusalCode};
 use sk_flat::Instant;
@@ -32,6 +33,12 @@ pub enum Rule {
     Rights,
     /// An honest client is never killed as spurious, and an honest hub is understood.
     Honest,
+    /// Of what the hub said to be kept nothing is lost, and nothing is found that was not written so.
+    Kept,
+    /// Who watches a database knows what is in it.
+    Watched,
+    /// What is reliable is not dropped, and who must not miss any misses none.
+    Policies,
     /// Every call has exactly one end, and the answer of its own request.
     Services,
     /// Nothing panics.
@@ -106,6 +113,8 @@ pub(crate) struct Ledger {
     /// How many connections sent what may be called spurious.
     pub(crate) wild_sent: u64,
     calls: BTreeMap<CallKey, CallState>,
+    /// What is in the databases.
+    pub(crate) archive: Archive,
     pub(crate) messages_published: u64,
     pub(crate) messages_heard: u64,
     pub(crate) now: Instant,

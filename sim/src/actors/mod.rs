@@ -2,11 +2,13 @@
 
 mod member;
 mod plain;
+mod scribe;
 mod talker;
 mod wild;
 
 pub(crate) use member::Member;
 pub(crate) use plain::Plain;
+pub(crate) use scribe::Scribe;
 pub(crate) use talker::{SERVICE, Talker};
 pub(crate) use wild::Wild;
 

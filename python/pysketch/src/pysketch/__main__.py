@@ -1,4 +1,5 @@
-"""`python -m pysketch new|run|check|bench`: write a sketch, run one, look at the hub, measure."""
+"""`python -m pysketch new|run|check|bench|relay|bundle`: write a sketch, run one, look at the hub, measure, lend a hub a
+serial line, make one file of it all."""
 
 from __future__ import print_function
 
@@ -9,7 +10,8 @@ import sys
 
 from . import Refused, Sketch, __version__, connect
 from .bench import bench
-from .links import LinkError
+from .bundle import bundle
+from .links import Address, LinkError
 from .login import LoginError
 
 TEMPLATE = '''#!/usr/bin/env python
@@ -30,7 +32,7 @@ def loop():
     sketch.publish("{name}", (sketch.pulse.statistics.ticks % 10) / 10.0)
 
 
-@sketch.subscribe("robot.{name}")
+@sketch.subscribe("robot.{name}")     # its own, to see something
 def on_{name}(message):
     print(message.name, message.value)
 
@@ -59,7 +61,7 @@ def run(options):
     found = runpy.run_path(options.file, run_name="__main__")
     sketches = [value for value in found.values() if isinstance(value, Sketch)]
     for sketch in sketches:
-        if not sketch._was_set_up:
+        if not sketch.was_set_up:
             sketch.run()
 
 
@@ -70,6 +72,27 @@ def check(options):
         print("The hub lets you in as %s. It has %d channels:" % (hub.user, len(channels)))
         for channel in sorted(channels, key=lambda channel: channel.name):
             print("  %-8s %s" % (channel.kind, channel.name))
+
+
+def relay(options):
+    """Lends a hub that listens on sockets only a serial line."""
+    from .relay import Relay
+    from .tty import Port, open_port
+    line = Address(options.line)
+    if line.kind != "tty":
+        raise SystemExit("pysketch: %s is no serial line; one is tty:DEVICE?baud=NUMBER" % line)
+    relaying = Relay(Port(open_port(line.place), line.place, line.baud, listens=True), Address(options.hub))
+    print("What comes on %s goes to the hub. Ctrl-C ends this." % line)
+    try:
+        relaying.run()
+    finally:
+        relaying.close()
+
+
+def write_bundle(options):
+    """Makes one file of the package."""
+    bundle(options.file, __version__)
+    print("%s is written: copy it to the robot, beside your sketch." % options.file)
 
 
 def main(arguments=None):
@@ -83,18 +106,23 @@ def main(arguments=None):
     task.add_argument("file")
     task.add_argument("arguments", nargs=argparse.REMAINDER, help="for the sketch")
     for name, says in (("check", "see whether a hub answers, and what it offers"),
-                       ("bench", "measure what this Python takes from the hub")):
+                       ("bench", "measure what this Python takes from the hub"),
+                       ("relay", "be the hub's end of a serial line")):
         task = tasks.add_parser(name, help=says)
         task.add_argument("--hub", help="unix:PATH, tcp:HOST:PORT or tty:DEVICE [default: this user's hub]")
+        if name == "relay":
+            task.add_argument("line", help="tty:DEVICE?baud=NUMBER")
         if name == "bench":
             task.add_argument("--seconds", type=float, default=2.0, help="for each measurement [default: 2]")
             task.add_argument("--json", action="store_true", help="one object a line")
+    task = tasks.add_parser("bundle", help="make one file of this package, for a robot without pip")
+    task.add_argument("file", nargs="?", default="pysketch.py")
     options = parser.parse_args(arguments)
     if options.task is None:
         parser.print_help()
         return 2
     try:
-        {"new": new, "run": run, "check": check, "bench": bench}[options.task](options)
+        _TASKS[options.task](options)
     except (LinkError, LoginError, Refused) as error:
         print("pysketch: %s" % error, file=sys.stderr)
         return 1
@@ -102,6 +130,8 @@ def main(arguments=None):
         return 130
     return 0
 
+
+_TASKS = {"new": new, "run": run, "check": check, "bench": bench, "relay": relay, "bundle": write_bundle}
 
 if __name__ == "__main__":
     sys.exit(main())

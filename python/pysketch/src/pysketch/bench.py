@@ -41,12 +41,12 @@ class Subscriber(FlowSat):
     def __init__(self, *arguments, **settings):
         FlowSat.__init__(self, *arguments, **settings)
         self.messages = self.bytes = 0
-        self.begun = None
+        self.begun, self.busy = None, 0.0
 
     def count(self, _channel, payloads):
         """Some messages."""
         if self.begun is None:
-            self.begun = monotonic()
+            self.begun, self.busy = monotonic(), sum(os.times()[:2])
         self.messages += len(payloads)
         self.bytes += sum(map(len, payloads))
 
@@ -63,7 +63,8 @@ def bench(options):
         if options.json:
             print(json.dumps(result, sort_keys=True))
         else:
-            print("%(case)-6s %(bytes_each)6d bytes  %(messages_per_s)10.0f messages/s  %(mb_per_s)8.1f MB/s" % result)
+            print("%(case)-6s %(bytes_each)6d bytes  %(messages_per_s)10.0f messages/s  %(mb_per_s)8.1f MB/s"
+                  "  %(cpu)4.0f %% of a core here" % dict(result, cpu=100 * result["cpu"]))
 
 
 def measure(hub, case, size, seconds):
@@ -82,12 +83,12 @@ def measure(hub, case, size, seconds):
             subscriber.pulse_once()
             if subscriber.begun is None and monotonic() > patience:
                 raise SystemExit("pysketch: the publisher's messages do not come")
-        spent = monotonic() - subscriber.begun
+        spent, busy = monotonic() - subscriber.begun, sum(os.times()[:2]) - subscriber.busy
     finally:
         publisher.terminate()
         publisher.wait()
         subscriber.close()
     return {
         "case": case, "bytes_each": size, "messages_per_s": subscriber.messages / spent,
-        "mb_per_s": subscriber.bytes / spent / 1e6, "python": sys.version.split()[0],
+        "mb_per_s": subscriber.bytes / spent / 1e6, "cpu": busy / spent, "python": sys.version.split()[0],
     }

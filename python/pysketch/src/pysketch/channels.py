@@ -69,6 +69,7 @@ class OwnChannel(object):
     def __init__(self, flow, name, properties):
         self.flow, self.name, self.properties = flow, name, properties
         self.reference, self.listened, self.refusal = None, False, None
+        self._said = dict(properties)
 
     @property
     def full_name(self):
@@ -84,7 +85,11 @@ class OwnChannel(object):
         """Changes what it says about itself; everybody hears."""
         self.properties.update(properties)
         if self.reference is not None:
-            self.flow.command("change_header", self.reference, self.flow.value(self.properties), about=self.name)
+            self._say()
+
+    def _say(self):
+        self._said = dict(self.properties)
+        self.flow.command("change_header", self.reference, self.flow.value(self.properties), about=self.name)
 
     def remove(self):
         """Closes it for good."""
@@ -96,7 +101,7 @@ class OwnChannel(object):
 
     def create(self):
         """Asks the hub for it."""
-        self.refusal = None
+        self.refusal, self._said = None, dict(self.properties)
         self.flow.ask(self._created, self.command, self.name, self.flow.value(self.properties), about=self.name)
 
     def _created(self, answer):
@@ -106,8 +111,10 @@ class OwnChannel(object):
                 self.flow.listener.on_refused(answer)
 
     def exists(self, channel):
-        """The hub knows it now."""
+        """The hub knows it now; what was changed meanwhile is said."""
         self.reference = channel.reference
+        if self._said != self.properties:
+            self._say()
 
     def lost(self):
         """The hub does not know it any more."""

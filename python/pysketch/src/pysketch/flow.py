@@ -241,7 +241,10 @@ class Flow(object):
         self.channels.add(channel)
         if channel.owner == self.connection.number:
             own = self.own.get(channel.name.partition(".")[2])
-            if own is not None:
+            if own is None:
+                # It was removed before the hub had opened it.
+                self.command("remove_channel", channel.reference, about=channel.name)
+            else:
                 self._own_by_key[channel.key] = own
                 own.exists(channel)
         if self.ready:

@@ -78,7 +78,9 @@ class Address(object):
             except Exception:
                 link.close()
                 raise
-        except (socket.error, IOError, OSError) as error:
+        except LinkError:
+            raise
+        except Exception as error:  # of sockets, files and termios, which share no base in Python 2
             raise self._unreachable(error)
         return SocketLink(link)
 

@@ -4,17 +4,16 @@ its own, and understands nothing of what it passes on."""
 import select
 
 from .links import LinkError
-from .tty import Port
 
 _WAIT_S = 0.05
 _TAKE_BYTES = 4096
 
 
 class Relay(object):
-    """Serves callers on a line until `stop`. `address` is where the hub is."""
+    """Serves the callers on a `Port` that listens, until `stop`. `address` is where the hub is."""
 
-    def __init__(self, path, baud, address):
-        self._port, self._address, self._ends, self._stopping = Port(path, baud, listens=True), address, {}, False
+    def __init__(self, port, address):
+        self._port, self._address, self._ends, self._stopping = port, address, {}, False
 
     def run(self):
         """Passes on until `stop`."""

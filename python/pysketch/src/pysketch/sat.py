@@ -262,7 +262,11 @@ class FlowSat(object):
             flow.find_hub()
         connection = flow.connection
         link = connection.link if connection is not None else None
-        tick, readable, writable = self.pulse.wait(link, connection is not None and connection.waiting > 0)
+        self.round(*self.pulse.wait(link, connection is not None and connection.waiting > 0))
+
+    def round(self, tick, readable, writable):
+        """What comes after the waiting: `pulse_once` without its wait, for event loops that are not ours."""
+        flow = self.flow
         begun = monotonic()
         flow.serve(readable, writable)
         if flow.ready and not self.was_set_up:
@@ -275,10 +279,6 @@ class FlowSat(object):
             self._following.done()
             self.pulse.statistics.job_time.add((monotonic() - begun) * 1e9)
         flow.look_after(begun)
-
-    def serve_now(self):
-        """Reads and writes what is possible without waiting, outside of any pulse: for event loops that are not ours."""
-        self._look(0)
 
     def _look(self, seconds):
         flow = self.flow

@@ -21,20 +21,24 @@ def call(path, baud):
     """A link to the hub at the other end of a line. Links of one process share the line."""
     port = _ports.get(path)
     if port is None or port.failed:
-        port = _ports[path] = Port(path, baud)
+        port = _ports[path] = Port(open_port(path), path, baud)
     return LineLink(port)
 
 
-class Port(object):
-    """A serial port, raw and non-blocking, and the line on it. `users` counts the links."""
+def open_port(path):
+    """The descriptor of a serial port."""
+    return os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
 
-    def __init__(self, path, baud, listens=False):
-        self.path, self.users, self.failed, self._rest = path, 0, False, b""
-        self.file = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+
+class Port(object):
+    """A serial port (`file` is its descriptor, which becomes the port's own), raw and non-blocking, and the line on it. `users` counts the links."""
+
+    def __init__(self, file, path, baud, listens=False):
+        self.file, self.path, self.users, self.failed, self._rest = file, path, 0, False, b""
         try:
-            _make_raw(self.file, baud)
+            _make_raw(file, baud)
         except Exception:
-            os.close(self.file)
+            os.close(file)
             raise
         self.line = Line(monotonic(), baud, listens)
 
@@ -84,7 +88,9 @@ class Port(object):
 
 
 def _make_raw(file, baud):
+    import fcntl
     import termios
+    fcntl.fcntl(file, fcntl.F_SETFL, fcntl.fcntl(file, fcntl.F_GETFL) | os.O_NONBLOCK)
     speed = getattr(termios, "B%d" % baud, None)
     if speed is None:
         raise LinkError("a serial line cannot have %d baud" % baud)

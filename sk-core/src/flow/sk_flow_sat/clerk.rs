@@ -266,15 +266,9 @@ impl Clerk {
     fn go_on(&mut self, core: Option<&mut SatelliteCore>) {
         let Some(core) = core.filter(|core| core.is_ready()) else { return };
         while let Some((name, order)) = self.waiting.pop_front() {
-            if self.current.as_ref() != Some(&name) {
-                let database = full_name(core, &name);
-                let Ok(tag) = core.database(&Command::DbSelect { database }) else {
-                    self.waiting.push_front((name, order));
-                    return;
-                };
-                self.selecting = tag;
-                self.sent.insert(tag, (name.clone(), Sent::Select));
-                self.current = Some(name.clone());
+            if !self.select(core, &name) {
+                self.waiting.push_front((name, order));
+                return;
             }
             let (command, sent) = match order {
                 Order::Set(key, value) => (Command::VarSet { key: key.clone(), value }, Sent::Change(key)),
@@ -289,6 +283,25 @@ impl Clerk {
                 Err(error) => self.fail(&name, sent, &error.to_string()),
             }
         }
+    }
+
+    /// Makes a database the current one; `false` if there is no room to say so.
+    pub(super) fn select(&mut self, core: &mut SatelliteCore, name: &Rc<str>) -> bool {
+        if self.current.as_ref() == Some(name) {
+            return true;
+        }
+        let database = full_name(core, name);
+        let Ok(tag) = core.database(&Command::DbSelect { database }) else { return false };
+        self.selecting = tag;
+        self.sent.insert(tag, (name.clone(), Sent::Select));
+        self.current = Some(name.clone());
+        true
+    }
+
+    /// Why a command was refused for which no database was current: what was said when it was selected.
+    pub(super) fn why_unselected(&self, name: &str, code: u16) -> Option<&str> {
+        let why = self.unselected.get(name).map(String::as_str);
+        why.filter(|_| code == RefusalCode::NoDatabase.code())
     }
 
     /// Takes an event that is about databases; answers whether it was.
@@ -373,8 +386,7 @@ impl Clerk {
                 self.unselected.insert(name, text.to_owned());
             }
             sent => {
-                let unselected = (code == RefusalCode::NoDatabase.code()).then(|| self.unselected.get(&name));
-                let why = unselected.flatten().map_or(text, String::as_str).to_owned();
+                let why = self.why_unselected(&name, code).unwrap_or(text).to_owned();
                 self.fail(&name, sent, &why);
             }
         }

@@ -10,9 +10,11 @@ use crate::object::Handle;
 pub(super) fn tell_all(cx: &mut Cx, satellite: Handle<SkFlowSat>) {
     while let Ok(Some(event)) = cx.with(satellite, |satellite, cx| satellite.next_event(cx)) {
         super::database::tell_told(cx, satellite);
+        super::asking::tell_answers(cx, satellite);
         tell(cx, satellite, event);
     }
     super::database::tell_told(cx, satellite);
+    super::asking::tell_answers(cx, satellite);
     let _ = cx.with(satellite, |satellite, cx| satellite.flush_later(cx));
 }
 

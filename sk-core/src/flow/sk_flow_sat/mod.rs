@@ -1,6 +1,7 @@
 //! A satellite as an object: its link to a hub around a [`SatelliteCore`], and the way back when it breaks.
 
 mod accounts;
+mod asking;
 mod channels;
 mod clerk;
 mod commands;
@@ -93,6 +94,7 @@ pub struct SkFlowSat {
     clerk: clerk::Clerk,
     /// Passwords of accounts from which a worker derives what the hub keeps.
     deriving: accounts::Deriving,
+    questions: asking::Questions,
     reconnect: Handle<Timer>,
     reconnect_after: Duration,
     losses: u64,
@@ -279,6 +281,7 @@ impl SkFlowSat {
                 call_timer,
                 clerk: clerk::Clerk::default(),
                 deriving: accounts::Deriving::default(),
+                questions: asking::Questions::default(),
                 reconnect,
                 reconnect_after: RECONNECT_FIRST,
                 losses: 0,
@@ -359,6 +362,7 @@ impl SkFlowSat {
         self.end_services(cx);
         self.end_sync(cx);
         self.clerk.lose();
+        self.questions.lose();
         if matches!(self.way, Way::Address { .. }) {
             // The timer is this object's child and lives as long as it.
             let _ = self.reconnect.start_once(cx, self.reconnect_after);
@@ -374,6 +378,7 @@ impl SkFlowSat {
         let this = cx.this(self);
         cx.post_own(this, move |cx| {
             database::tell_told(cx, this);
+            asking::tell_answers(cx, this);
             cx.emit_own(this, |satellite| &satellite.lost, &why);
         });
     }
@@ -469,11 +474,10 @@ impl SkFlowSat {
 
     /// Takes the next event and does the bookkeeping for it.
     fn next_event(&mut self, cx: &mut Cx) -> Option<SatelliteEvent> {
-        let core = self.core.as_mut()?;
-        let mut event = core.next_event()?;
-        // What is about databases is told by their own objects.
-        while self.clerk.hear(core, &event) {
-            event = core.next_event()?;
+        let mut event = self.core.as_mut()?.next_event()?;
+        // What answers a question, or is about databases, is told apart.
+        while self.hear_answer(&event) || self.clerk.hear(self.core.as_mut()?, &event) {
+            event = self.core.as_mut()?.next_event()?;
         }
         self.note_sync(cx, &event);
         match &event {

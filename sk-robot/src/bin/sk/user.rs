@@ -16,6 +16,8 @@ struct Manager {
     hub: Handle<SkFlowSat>,
     session: Handle<Session>,
     task: User,
+    /// The answer is for a program.
+    json: bool,
     /// The account that this program is logged in to, if that is not the owner's.
     own: Option<String>,
     new_password: Option<Password>,
@@ -36,7 +38,7 @@ pub fn run(arguments: &Arguments, task: &User) -> Result<(), String> {
     let (hub, session) = (visit.hub, visit.session);
     let cx = visit.app.cx();
     let (task, own, written) = (task.clone(), arguments.user.clone(), String::new());
-    let manager = cx.spawn(Manager { hub, session, task, own, new_password, written });
+    let manager = cx.spawn(Manager { hub, session, task, json: arguments.json, own, new_password, written });
     attach!(cx, session.entered => manager.on_entered, Queued);
     visit.run()
 }
@@ -62,9 +64,12 @@ impl Manager {
                 let removed = format!("account {name} removed; its connections have ended\n");
                 finish(cx, session, outcome.map(|()| removed));
             }),
-            User::List { json } => self.hub.accounts(cx, move |cx, accounts| {
-                finish(cx, session, accounts.map(|accounts| list(&accounts, json)));
-            }),
+            User::List => {
+                let json = self.json;
+                self.hub.accounts(cx, move |cx, accounts| {
+                    finish(cx, session, accounts.map(|accounts| list(&accounts, json)));
+                })
+            }
             User::Rights { name } => self.show(cx, &name),
             User::Grant(granted) => self.change_right(cx, granted, true),
             User::Revoke(granted) => self.change_right(cx, granted, false),
