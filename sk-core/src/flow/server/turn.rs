@@ -190,7 +190,6 @@ impl ServerCore {
             | Command::DbAll { .. }
             | Command::Watch { .. }
             | Command::Unwatch { .. }) => self.database_command(id, tag, message),
-            message => self.refuse_once(id, tag, flags, &message, RefusalCode::NotOffered),
         }
         Ok(())
     }
