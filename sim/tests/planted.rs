@@ -36,7 +36,8 @@ object! { Ear { slots { lose() } } }
 fn a_hub_that_panics_ends_and_takes_no_other_with_it() {
     let simulation = Simulation::new(1);
     let address: HubAddress = "unix:/run/hub.sock".parse().expect("an address");
-    let hub_node = simulation.node(simulation.world(), "hub", |settings| settings.mode = TimingMode::SelectIo);
+    let hub_node =
+        simulation.node(simulation.world(), "hub", |settings| settings.mode = TimingMode::SelectIo);
     let server = hub_node.with(|cx| {
         let user = "robot".parse().expect("a name");
         let server = SkFlowServer::start(cx, Settings { user, token: None, owner_uid: Some(USER_ID) });
