@@ -172,7 +172,9 @@ impl Ledger {
         let Some(variables) = on_disk.get(database) else { return Found::Nothing };
         let number = |key: &str| {
             let place = (database.clone(), key.to_owned());
-            variables.get(key).map(|text| number_of(&place, text).ok_or_else(|| text.clone()))
+            variables
+                .get(key)
+                .map(|text| number_of(&place, text).ok_or_else(|| text.clone()))
         };
         let told = |text: &str| Found::Other(format!("{:?}, which nobody wrote there", start_of(text)));
         if key != WHOLE {
@@ -190,7 +192,10 @@ impl Ledger {
             {
                 Found::Value(*first)
             }
-            _ => Found::Other(format!("not of one moment: {:?}", variables.values().map(|v| start_of(v)).collect::<Vec<_>>())),
+            _ => Found::Other(format!(
+                "not of one moment: {:?}",
+                variables.values().map(|v| start_of(v)).collect::<Vec<_>>()
+            )),
         }
     }
 
@@ -240,7 +245,9 @@ mod tests {
         archive.finish(&place(), orders[0], true);
         archive.finish(&place(), orders[1], false);
         archive.finish(&place(), orders[2], true);
-        let may: Vec<bool> = (0..=5).map(|number| archive.may_be(&place(), (number > 0).then_some(number))).collect();
+        let may: Vec<bool> = (0..=5)
+            .map(|number| archive.may_be(&place(), (number > 0).then_some(number)))
+            .collect();
         assert_eq!(may, [false, false, true, true, true, true]);
         archive.settle(&place(), Some(2));
         assert!(archive.may_be(&place(), Some(2)) && !archive.may_be(&place(), Some(3)));

@@ -399,7 +399,9 @@ impl<'a> Run<'a> {
         let bytes_max = (kib > 0).then(|| u64::from(kib) * 1024);
         let faults = DiskFaults { read_errors, write_errors, sync_errors, bytes_max };
         let world = self.simulation.world();
-        world.storage().set_faults(faults, world.rng(DISK_STREAM + self.chances.below(1 << 20)));
+        world
+            .storage()
+            .set_faults(faults, world.rng(DISK_STREAM + self.chances.below(1 << 20)));
     }
 
     /// Makes other bytes of some of the store's, while no hub runs.
@@ -569,7 +571,10 @@ impl<'a> Run<'a> {
     pub(crate) fn unfinished(&self, number: u16) -> Option<String> {
         let part = self.parts.get(&number)?;
         let Some(Actor::Scribe(scribe)) = part.actor else { return None };
-        let looked = part.node.as_ref()?.inspect(|cx| cx.with(scribe, |scribe, _| scribe.unfinished()));
+        let looked = part
+            .node
+            .as_ref()?
+            .inspect(|cx| cx.with(scribe, |scribe, _| scribe.unfinished()));
         looked.ok().flatten()
     }
 

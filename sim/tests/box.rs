@@ -30,8 +30,9 @@ fn every_script_can_be_written_down_and_read_again() {
         }
     }
     let all = [
-        "abort", "burst", "call", "close", "die", "disk", "hear", "link", "load", "mend", "open", "part", "quit",
-        "refuse", "reset", "rot", "save", "serve", "slow", "start", "unhear", "unserve", "watch", "wild", "write",
+        "abort", "burst", "call", "close", "die", "disk", "hear", "link", "load", "mend", "open", "part",
+        "quit", "refuse", "reset", "rot", "save", "serve", "slow", "start", "unhear", "unserve", "watch",
+        "wild", "write",
     ];
     assert_eq!(seen.iter().map(String::as_str).collect::<Vec<_>>(), all, "every kind comes up");
 }

@@ -128,7 +128,9 @@ impl Scribe {
     /// What it still has to do, in words.
     pub(crate) fn unfinished(&self) -> Option<String> {
         let desks = [&self.durable, &self.saved];
-        let waiting = desks.into_iter().find(|desk| desk.under_way.is_some() || !desk.orders.is_empty())?;
+        let waiting = desks
+            .into_iter()
+            .find(|desk| desk.under_way.is_some() || !desk.orders.is_empty())?;
         Some(format!("{:?} of {} has no answer", waiting.under_way, waiting.name))
     }
 
@@ -231,7 +233,8 @@ impl Desk {
                 ledger::with(|ledger| ledger.archive.begin(place, *value))
             };
             self.under_way = Some((order, effect.as_ref().map(begin)));
-            let text = |key: &str, number| SkVariant::from(value_of(&(self.name.clone(), key.to_owned()), number));
+            let text =
+                |key: &str, number| SkVariant::from(value_of(&(self.name.clone(), key.to_owned()), number));
             let accepted = match order {
                 Order::Set(key, number) => self.database.set(cx, key, text(key, number)),
                 Order::Delete(key) => self.database.delete(cx, key),
