@@ -14,6 +14,8 @@ pub enum Action {
     Close(u8),
     /// It subscribes to another node's channel: whose, which, and how many messages may wait (0: the hub's default).
     Hear(u16, u8, u16),
+    /// The same, and it must not miss a message: if more wait than that, it is to be told by the end of its connection.
+    HearAll(u16, u8, u16),
     /// It gives that subscription up.
     Unhear(u16, u8),
     /// It publishes that many messages of that many bytes on its channel.
@@ -117,6 +119,9 @@ impl fmt::Display for Action {
             Action::Hear(node, channel, depth) => {
                 words(f, "hear", &[node.into(), channel.into(), depth.into()])
             }
+            Action::HearAll(node, channel, depth) => {
+                words(f, "hear-all", &[node.into(), channel.into(), depth.into()])
+            }
             Action::Unhear(node, channel) => words(f, "unhear", &[node.into(), channel.into()]),
             Action::Burst(channel, count, bytes) => {
                 words(f, "burst", &[channel.into(), count.into(), bytes.into()])
@@ -156,6 +161,7 @@ impl Action {
             "open" => Action::Open(number(words)?),
             "close" => Action::Close(number(words)?),
             "hear" => Action::Hear(number(words)?, number(words)?, number(words)?),
+            "hear-all" => Action::HearAll(number(words)?, number(words)?, number(words)?),
             "unhear" => Action::Unhear(number(words)?, number(words)?),
             "burst" => Action::Burst(number(words)?, number(words)?, number(words)?),
             "abort" => Action::Abort(number(words)?, number(words)?),

@@ -218,6 +218,9 @@ impl Draw {
             Kind::Subscriptions if self.one_in(5) => add(at_us, node, Action::Unhear(other, channel)),
             Kind::Subscriptions => {
                 let depth = [0, 1, 3, 1024][self.below(4) as usize];
+                if matches!(role, Role::Satellite(_)) && self.one_in(4) {
+                    return add(at_us, node, Action::HearAll(other, channel, depth));
+                }
                 add(at_us, node, Action::Hear(other, channel, depth));
             }
             Kind::Bursts => {

@@ -139,15 +139,8 @@ impl<'a> Run<'a> {
 
     fn begin_ledger(&self) {
         let mut pair = (None, None);
-        // Of one that vanishes the hub keeps the channels until it has been silent for long enough. It refuses the next
-        // life their names, and maybe others their identifiers; satellites do not ask again, and sessions are not there
-        // yet.
-        let leaves_a_ghost = |step: &Step| {
-            matches!(step.action, Action::Die(Death::Vanished | Death::PowerCut) | Action::Part(..))
-        };
-        let ghosts = self.script.steps.iter().any(leaves_a_ghost);
         ledger::with(|ledger| {
-            ledger.ghosts = ghosts || self.is_narrow();
+            ledger.narrow = self.is_narrow();
             for (number, part) in &self.parts {
                 match part.role {
                     Role::Listener => pair.0 = Some(*number),
@@ -345,6 +338,7 @@ impl<'a> Run<'a> {
         let Some(node) = part.node.take() else { return };
         ledger::with(|ledger| {
             ledger.forget_calls(number);
+            ledger.hears_all.retain(|(node, _), _| *node != number);
             ledger.archive.abandon(|database| database.starts_with(&format!("n{number}.")));
         });
         part.actor = None;

@@ -6,7 +6,7 @@ use crate::ledger::{self, Rule};
 use crate::run::Actor;
 use crate::script::{Role, Way};
 use crate::stamp::USER;
-use sk_core::flow::database::disk::Store;
+use sk_core::flow::database::disk::{Store, StoreError};
 use sk_core::flow::database::{DatabaseStore, StoreRequest, StoreWork, Stored};
 use sk_core::flow::login::OwnerToken;
 use sk_core::flow::server::Settings;
@@ -84,7 +84,15 @@ fn start_hub(cx: &mut Cx, start: &HubStart) -> Option<Handle<SkFlowServer>> {
 /// fails is no damage, and a hub that cannot open its store ends.
 fn keep_databases(cx: &mut Cx, server: Handle<SkFlowServer>) -> bool {
     let storage = cx.world().storage.clone();
-    let Ok(mut opened) = Store::open(storage.clone(), STORE.into()) else { return false };
+    let mut opened = match Store::open(storage.clone(), STORE.into()) {
+        Ok(opened) => opened,
+        Err(error) => {
+            if let StoreError::NotBegun { damage, .. } = error {
+                ledger::with(|ledger| ledger.hub_found(&OnDisk::new(), Some(&damage.to_string())));
+            }
+            return false;
+        }
+    };
     let mut on_disk = OnDisk::new();
     for (number, (name, _)) in (0..).zip(&opened.saved) {
         let request = StoreRequest { number, database: name.clone(), work: StoreWork::Load };

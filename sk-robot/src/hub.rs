@@ -5,6 +5,7 @@ use crate::listening;
 use crate::module_service;
 use crate::owner::{self, TokenFileError};
 use crate::places::{Places, PlacesError};
+use sk_core::flow::blob::BlobStore;
 use sk_core::flow::database::disk::{Store, StoreError};
 use sk_core::flow::server::Settings;
 use sk_core::flow::{HubAddress, KeepError, Rights, SkFlowSat, SkFlowServer};
@@ -71,6 +72,14 @@ pub enum HubError {
     /// Its accounts cannot be read, so nobody could say who would be let in.
     #[error(transparent)]
     Accounts(#[from] KeepError),
+    /// The folder of its blob channels cannot be opened.
+    #[error("cannot open {folder}, where the files of blob channels are: {error}")]
+    Blobs {
+        /// Which.
+        folder: String,
+        /// Why.
+        error: io::Error,
+    },
     /// It cannot listen.
     #[error("{address} is in use: another hub runs there; give this one another {option}")]
     Taken {
@@ -256,7 +265,8 @@ impl HubBuilder {
             }
         };
         // Whoever has the addresses has the files, so that two hubs never write to one store.
-        if let Err(error) = keep_databases(cx, server, &places) {
+        let kept = keep_databases(cx, server, &places).and_then(|()| keep_blobs(cx, server, &places));
+        if let Err(error) = kept {
             cx.destroy_later(server);
             return Err(error);
         }
@@ -349,6 +359,16 @@ fn keep_databases(cx: &mut Cx, server: Handle<SkFlowServer>, places: &Places) ->
     }
     server.keep_databases(cx, opened.store, opened.saved)?;
     Ok(())
+}
+
+/// Opens the folder of this hub's blob channels.
+fn keep_blobs(cx: &mut Cx, server: Handle<SkFlowServer>, places: &Places) -> Result<(), HubError> {
+    let folder = places.blobs();
+    let store = BlobStore::open(cx.world().storage.clone(), folder.clone())
+        .map_err(|error| HubError::Blobs { folder: folder.display().to_string(), error })?;
+    server
+        .keep_blobs(cx, store)
+        .map_err(|error| HubError::Link(io::Error::other(error)))
 }
 
 impl Hub {

@@ -21,9 +21,18 @@ const ORDERS: [&str; 7] = ["list", "info", "set", "control", "start", "stop", "r
 struct ModuleService {
     server: Handle<SkFlowServer>,
     modules: Handle<Modules>,
+    /// Those who wait until a module has come to where they want it: a thread takes its time, and one that is begun
+    /// again waits until its predecessor is buried.
+    waiting: Vec<Waiting>,
 }
 
-object! { ModuleService { slots { on_request(&Request) } } }
+struct Waiting {
+    module: Handle<ModuleSupervisor>,
+    shall_run: bool,
+    request: Request,
+}
+
+object! { ModuleService { slots { on_request(&Request) on_changed() } } }
 
 /// Offers the service, as long as the server lives.
 pub(crate) fn offer(
@@ -34,7 +43,7 @@ pub(crate) fn offer(
 ) -> io::Result<()> {
     let doc = "The hub's modules: {do: list | info | set | control | start | stop | restart, module, values, command}";
     let service = server.serve(cx, &format!("{account}.{NAME}"), doc)?;
-    let answerer = cx.under(server).spawn(ModuleService { server, modules });
+    let answerer = cx.under(server).spawn(ModuleService { server, modules, waiting: Vec::new() });
     attach!(cx, service.request => answerer.on_request);
     Ok(())
 }
@@ -80,17 +89,41 @@ impl ModuleService {
             "start" => module.start(cx).map_err(refused)?,
             "stop" => module.stop(cx).map_err(refused)?,
             "restart" => module.restart(cx).map_err(refused)?,
-            _ => {}
+            _ => {
+                let status = module.status(cx).map_err(|error| error.to_string())?;
+                let mut told = told(cx, &status);
+                if let Some(map) = told.as_map_mut() {
+                    map.insert("declared".to_owned(), SkVariant::list(status.declared.iter().map(declared)));
+                }
+                request.answer(cx, told);
+                return Ok(());
+            }
         }
-        let status = module.status(cx).map_err(|error| error.to_string())?;
-        let mut told = told(cx, &status);
-        if what == "info"
-            && let Some(map) = told.as_map_mut()
-        {
-            map.insert("declared".to_owned(), SkVariant::list(status.declared.iter().map(declared)));
-        }
-        request.answer(cx, told);
+        let this = cx.this(self);
+        // Linked once, however often it is asked for.
+        attach!(cx, module.changed => this.on_changed(), Queued);
+        self.waiting
+            .push(Waiting { module, shall_run: what != "stop", request: request.clone() });
+        self.on_changed(cx);
         Ok(())
+    }
+
+    /// A module's state is another one.
+    fn on_changed(&mut self, cx: &mut Cx) {
+        self.waiting.retain(|waiting| {
+            let Ok(status) = waiting.module.status(cx) else { return false };
+            let has_come = match status.state {
+                ModuleState::Running => waiting.shall_run,
+                ModuleState::Stopped => !waiting.shall_run,
+                ModuleState::Failed { .. } | ModuleState::Stuck => true,
+                _ => false,
+            };
+            if has_come {
+                let told = told(cx, &status);
+                waiting.request.answer(cx, told);
+            }
+            !has_come && waiting.request.is_open(cx)
+        });
     }
 
     fn find(&self, cx: &mut Cx, name: &str) -> Result<Handle<ModuleSupervisor>, String> {

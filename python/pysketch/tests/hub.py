@@ -135,3 +135,14 @@ def free_port():
     port = probe.getsockname()[1]
     probe.close()
     return port
+
+
+def offers_blobs(hub):
+    """Whether a hub keeps files."""
+    sat, refusals = FlowSat(hub.unix, interval=0.01), []
+    sat.on_refused = refusals.append
+    store = sat.store("probe")
+    try:
+        return sat.until(lambda: store.opened or refusals, PATIENCE_S) and store.opened
+    finally:
+        sat.close()

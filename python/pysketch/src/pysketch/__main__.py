@@ -34,7 +34,7 @@ def loop():
 
 @sketch.subscribe("robot.{name}")     # its own, to see something
 def on_{name}(message):
-    print(message.name, message.value)
+    print("%s %s" % (message.name, message.value))
 
 
 if __name__ == "__main__":

@@ -56,7 +56,7 @@ class Address(object):
             return Password(*given) if isinstance(given, tuple) else given
         if self.kind == "unix":
             return Peer()
-        path = os.environ.get("SKROBOT_TOKEN") or os.path.join(state_folder(), "owner.token")
+        path = os.path.join(state_folder(), "owner.token")
         try:
             return Token.read(path)
         except LoginError as error:

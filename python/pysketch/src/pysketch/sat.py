@@ -1,5 +1,7 @@
 """A satellite: what a program writes and what it may ask for."""
 
+import sys
+
 from .blob import Files, Store
 from .clock import monotonic
 from .database import OWN, Clerk
@@ -81,7 +83,8 @@ class FlowSat(object):
         """The hub is lost; it is looked for again."""
 
     def on_refused(self, refusal):
-        """The hub refused a command that nobody waits for: a `Refused`."""
+        """The hub refused a command that nobody waits for: a `Refused`. Unless one says otherwise here, it is printed."""
+        sys.stderr.write("pysketch: refused: %s\n" % refusal)
 
     def on_dropped(self, name, reason, total):
         """Messages of a subscription were lost: how many for this reason since it began."""

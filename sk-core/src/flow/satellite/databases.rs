@@ -1,5 +1,6 @@
 //! A satellite's commands to databases, and lists that come in many lines.
 
+use super::super::blob::BlobEntry;
 use super::super::{Command, Event, Message, Value};
 use super::{AccountInfo, SatelliteCore, SatelliteError, SatelliteEvent};
 
@@ -23,6 +24,7 @@ pub(super) enum List {
     Databases(Vec<DatabaseInfo>),
     Keys(Vec<String>),
     Variables(Vec<(String, Value)>),
+    Blobs(Vec<BlobEntry>),
 }
 
 /// The lines of the table that are about databases.
@@ -97,6 +99,7 @@ impl SatelliteCore {
             List::Accounts(accounts) => SatelliteEvent::Accounts { tag, accounts },
             List::Databases(databases) => SatelliteEvent::Databases { tag, databases },
             List::Keys(keys) => SatelliteEvent::Keys { tag, keys },
+            List::Blobs(entries) => SatelliteEvent::BlobEntries { tag, entries },
             List::Variables(variables) => SatelliteEvent::Variables { tag, variables },
         });
         true

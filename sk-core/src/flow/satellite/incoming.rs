@@ -112,22 +112,22 @@ impl SatelliteCore {
                 self.latest(tag, flags, channel, message, payload)?
             }
             Event::Credit { channel, bytes } => self.credited(channel, bytes),
+            Event::UdpOpened { session, key, port } => self.udp_opened(tag, session, key, port),
             Event::Refused { code, text } => {
                 self.creating.remove(&tag);
                 self.on_call_over(tag);
                 self.lists.remove(&tag);
+                self.on_blob_refused(tag);
                 if tag != 0 && tag == self.becoming {
                     // This connection can become nothing any more.
                     self.closing = true;
                 }
                 self.events.push_back(SatelliteEvent::Refused { tag, code, text });
             }
-            // Answers to what this satellite does not ask.
-            Event::UdpOpened { .. }
-            | Event::BlobResume { .. }
+            event @ (Event::BlobResume { .. }
             | Event::BlobListed { .. }
             | Event::BlobEntry { .. }
-            | Event::BlobData { .. } => {}
+            | Event::BlobData { .. }) => self.on_blob_event(tag, flags, event),
             event @ (Event::UserListed { .. }
             | Event::DatabaseSelected { .. }
             | Event::DatabaseListed { .. }

@@ -6,6 +6,7 @@
 //! a channel of that name is opened anew.
 
 mod accounts;
+mod blobs;
 mod channels;
 mod databases;
 mod event;
@@ -15,6 +16,7 @@ mod services;
 mod sync;
 #[cfg(test)]
 mod tests;
+mod udp;
 
 pub use accounts::{AccountInfo, PasswordLogin};
 pub use databases::DatabaseInfo;
@@ -110,6 +112,8 @@ pub struct SatelliteCore {
     /// A login by password that is under way, and what is to be derived for it.
     scram: Option<ClientExchange>,
     derivation: Option<Derivation>,
+    /// The tags of downloads under way.
+    downloads: BTreeSet<u32>,
     /// Lists of other things under way, by the tags of their commands.
     lists: BTreeMap<u32, databases::List>,
     /// The full name of the flow, once it is one.
@@ -117,6 +121,7 @@ pub struct SatelliteCore {
     events: VecDeque<SatelliteEvent>,
     next_tag: u32,
     lost: u64,
+    udp: udp::Udp,
     closing: bool,
     opened: Instant,
     heard: Instant,
@@ -182,11 +187,13 @@ impl SatelliteCore {
             listed: Vec::new(),
             scram: None,
             derivation: None,
+            downloads: BTreeSet::new(),
             lists: BTreeMap::new(),
             flow_full_name: None,
             events: VecDeque::new(),
             next_tag: 0,
             lost: 0,
+            udp: udp::Udp::default(),
             closing: false,
             opened: now,
             heard: now,
@@ -305,6 +312,11 @@ impl SatelliteCore {
     /// were unfinished at once.
     pub fn lost(&self) -> u64 {
         self.lost
+    }
+
+    /// Whether a channel of this full name was asked for, and the hub has not answered.
+    pub fn is_creating(&self, full_name: &str) -> bool {
+        self.creating.values().any(|name| name == full_name)
     }
 
     /// Asks for a streaming channel; `Created` or `Refused` with the tag answers.

@@ -2,6 +2,7 @@
 
 #[cfg(feature = "store")]
 mod accounts;
+mod blobs;
 mod channels;
 mod databases;
 mod deadlines;
@@ -24,11 +25,14 @@ mod sessions;
 #[cfg(feature = "store")]
 mod stored;
 mod sync;
+mod udp;
 mod watches;
 
 use super::super::limits::*;
 use super::super::satellite::{Credentials, SatelliteCore, SatelliteEvent};
-use super::super::{ChannelRef, Command, Flags, Form, Header, Inbound, Policy, Properties, Rights, Tagged};
+use super::super::{
+    ChannelKind, ChannelRef, Command, Flags, Form, Header, Inbound, Policy, Properties, Right, Rights, Tagged,
+};
 use super::*;
 use bytes::Bytes;
 use sk_flat::SkVariant;

@@ -1,0 +1,66 @@
+"""Blob channels: files at the hub."""
+
+import os
+import shutil
+import tempfile
+import unittest
+
+from hub import HubTest, offers_blobs
+from pysketch import Refused, connect
+
+
+class Blobs(HubTest):
+    """An owner that writes, others that read."""
+
+    def setUp(self):
+        HubTest.setUp(self)
+        if not offers_blobs(self.hub):
+            self.skipTest("this hub has no blob channels")
+        self.owner, self.outcomes = self.sat(), []
+        self.store = self.owner.store("store")
+        self.until(lambda: self.store.opened, self.owner)
+
+    def done(self, count):
+        self.until(lambda: len(self.outcomes) == count, self.owner)
+        return self.outcomes
+
+    def test_a_file_goes_up_and_comes_down(self):
+        folder = tempfile.mkdtemp(prefix="pysketch-")
+        self.addCleanup(shutil.rmtree, folder)
+        data, path = os.urandom(700000), os.path.join(folder, "local")
+        with open(path, "wb") as file:
+            file.write(data)
+        self.store.mkdir("maps", self.outcomes.append)
+        self.store.upload("maps/a.bin", path, self.outcomes.append)
+        self.store.upload("empty", bytearray(), self.outcomes.append)
+        self.assertEqual(self.done(3), [None, None, None])
+        reader, got = self.sat(), []
+        self.until(lambda: "robot.store" in [channel.name for channel in reader.channels], reader)
+        reader.files("robot.store").read("maps/a.bin", lambda *found: got.append(found))
+        self.until(lambda: got, reader)
+        self.assertTrue(got[0] == (data, None))
+        with connect(self.hub.unix) as hub:
+            self.assertEqual(hub.read_file("robot.store", "maps/a.bin"), data)
+            self.assertEqual(hub.read_file("robot.store", "empty"), b"")
+            self.assertIn(("a.bin", False, 700000),
+                          [(entry.name, entry.directory, entry.bytes) for entry in hub.list_files("robot.store", "maps")])
+            self.assertEqual(hub.stat_file("robot.store", "maps/a.bin").bytes, 700000)
+
+    def test_files_are_moved_and_removed_and_refusals_are_told(self):
+        self.store.upload("one", b"1" * 2000, self.outcomes.append)
+        self.done(1)
+        self.store.move("one", "two", self.outcomes.append)
+        self.store.remove_file("two", self.outcomes.append)
+        self.store.remove_file("three", self.outcomes.append)
+        self.store.mkdir("../out", self.outcomes.append)
+        outcomes = self.done(5)
+        self.assertEqual(outcomes[:3], [None, None, None])
+        self.assertEqual([refusal.code for refusal in outcomes[3:]], ["NoSuchPath", "BadPath"])
+        with connect(self.hub.unix) as hub:
+            with self.assertRaises(Refused) as caught:
+                hub.read_file("robot.store", "two")
+            self.assertEqual(caught.exception.code, "NoSuchPath")
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,96 @@
+"""The command line, and the one-file bundle: as a user has them."""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+
+from hub import HubTest
+from pysketch import connect
+
+SOURCES = os.path.abspath(os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "src"))
+
+
+class Program(HubTest):
+    """`python -m pysketch`."""
+
+    def setUp(self):
+        HubTest.setUp(self)
+        self.folder = tempfile.mkdtemp(prefix="pysketch-")
+        self.addCleanup(shutil.rmtree, self.folder)
+
+    def environment(self, path):
+        environment = dict(os.environ, SKROBOT_HUB=self.hub.unix, PYTHONUNBUFFERED="1", PYTHONDONTWRITEBYTECODE="1")
+        environment.pop("PYTHONPATH", None)
+        # An installed package is tried as it is.
+        if path and not os.environ.get("PYSKETCH_INSTALLED"):
+            environment["PYTHONPATH"] = path
+        return environment
+
+    def start(self, *arguments, **settings):
+        """Starts Python in the folder of the test."""
+        process = subprocess.Popen(
+            [sys.executable] + list(arguments), cwd=self.folder, env=self.environment(settings.get("path", SOURCES)),
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True)
+        self.addCleanup(process.stdout.close)
+        return process
+
+    def says(self, *arguments, **settings):
+        """What it says until it ends, and how it ends."""
+        process = self.start(*arguments, **settings)
+        said = process.stdout.read()
+        return said, process.wait()
+
+    def pysketch(self, *arguments):
+        return self.says("-m", "pysketch", *arguments)
+
+    def test_a_new_sketch_runs_and_is_seen(self):
+        said, status = self.pysketch("new", "ramp.py")
+        self.assertEqual(status, 0, said)
+        self.assertIn("python -m pysketch run ramp.py", said)
+        self.assertIn("exists already", self.pysketch("new", "ramp.py")[0])
+        process = self.start("-m", "pysketch", "run", "ramp.py")
+        try:
+            line = process.stdout.readline()
+            self.assertIn("robot.ramp 0.", line)
+            said, status = self.pysketch("check")
+            self.assertEqual(status, 0, said)
+            self.assertIn("robot.ramp", said)
+        finally:
+            process.terminate()
+            process.wait()
+
+    def test_a_hub_that_is_not_there_is_one_line(self):
+        said, status = self.pysketch("check", "--hub", "unix:/nowhere/hub.sock")
+        self.assertEqual((status, len(said.splitlines())), (1, 1), said)
+        self.assertIn("is skrobot running?", said)
+
+    def test_the_bench_prints_both_cases(self):
+        said, status = self.pysketch("bench", "--seconds", "0.1", "--json")
+        self.assertEqual(status, 0, said)
+        self.assertEqual(said.count("messages_per_s"), 2)
+
+    def test_one_copied_file_is_the_whole_package(self):
+        self.assertEqual(self.pysketch("bundle")[1], 0)
+        self.assertEqual(os.listdir(self.folder), ["pysketch.py"])
+        with open(os.path.join(self.folder, "robot.py"), "w") as file:
+            file.write("from pysketch import Sketch\nfrom pysketch.tty import Port\nsketch = Sketch(interval=0.01)\n"
+                       "sketch.serve('ping', lambda request: request.value)\nsketch.run()\n")
+        process = self.start("robot.py", path=None)
+        try:
+            with connect(self.hub.unix) as hub:
+                self.patiently(lambda: "robot.ping" in [channel.name for channel in hub.channels()])
+                self.assertEqual(hub.call("robot.ping", [1]), [1])
+        finally:
+            process.terminate()
+            process.wait()
+        said, status = self.says("pysketch.py", "check", path=None)
+        self.assertEqual(status, 0, said)
+        said, status = self.says("pysketch.py", "bench", "--seconds", "0.1", path=None)
+        self.assertEqual(status, 0, said)
+
+
+if __name__ == "__main__":
+    unittest.main()
