@@ -27,9 +27,58 @@ pub enum Task {
     Ls(Ls),
     /// Print what flows on a channel
     Echo(Echo),
+    /// Files that blob channels hold
+    #[command(subcommand)]
+    Blob(Blob),
     /// Modules: make one of your own
     #[command(subcommand)]
     Module(Module),
+}
+
+#[derive(Subcommand, Debug)]
+pub enum Blob {
+    /// List a folder
+    Ls(BlobLook),
+    /// Tell the length and the checksum of a file
+    Stat(BlobLook),
+    /// Download a file; it appears when it is whole
+    Get(BlobGet),
+    /// Open a blob channel of your own, with what it held before and these files, until Ctrl-C
+    Serve(BlobServe),
+}
+
+#[derive(Args, Debug, Clone)]
+pub struct BlobPlace {
+    /// The channel, with or without the account: robot.maps or maps
+    pub channel: String,
+    /// The path inside it
+    #[arg(default_value = "")]
+    pub path: String,
+}
+
+#[derive(Args, Debug)]
+pub struct BlobLook {
+    #[command(flatten)]
+    pub place: BlobPlace,
+    /// One JSON object a line
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Args, Debug)]
+pub struct BlobGet {
+    #[command(flatten)]
+    pub place: BlobPlace,
+    /// Where to write it: a file or a folder [default: its name, here]
+    pub file: Option<PathBuf>,
+}
+
+#[derive(Args, Debug)]
+pub struct BlobServe {
+    /// The channel's name without the account
+    pub name: String,
+    /// Files to upload
+    pub files: Vec<PathBuf>,
 }
 
 #[derive(Subcommand, Debug)]

@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 mod arguments;
+mod blob;
 mod echo;
 mod ls;
 mod module_new;
@@ -21,6 +22,7 @@ fn main() -> ExitCode {
     let outcome = match &arguments.task {
         Task::Ls(task) => ls::run(&arguments, task),
         Task::Echo(task) => echo::run(&arguments, task),
+        Task::Blob(task) => blob::run(&arguments, task),
         Task::Module(Module::New(task)) => module_new::run(task),
     };
     match outcome {
