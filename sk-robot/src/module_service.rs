@@ -102,7 +102,8 @@ impl ModuleService {
         let this = cx.this(self);
         // Linked once, however often it is asked for.
         attach!(cx, module.changed => this.on_changed(), Queued);
-        self.waiting.push(Waiting { module, shall_run: what != "stop", request: request.clone() });
+        self.waiting
+            .push(Waiting { module, shall_run: what != "stop", request: request.clone() });
         self.on_changed(cx);
         Ok(())
     }
