@@ -99,7 +99,7 @@ fn databases_are_made_listed_read_whole_and_removed_in_the_order_that_was_asked(
     assert!(heard[1].starts_with("refused: "), "there is one: {heard:?}");
     assert_eq!(
         heard[2..6],
-        ["[\"gain.d\", \"gain.p\"]", "[(\"name\", Str(\"left\"))]", "[(\"arm\", 3)]", "()",]
+        ["[\"gain.d\", \"gain.p\"]", "[(\"name\", \"left\")]", "[(\"arm\", 3)]", "()",]
     );
     assert!(heard[6].starts_with("refused: "), "it is gone: {heard:?}");
 }
