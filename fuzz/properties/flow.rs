@@ -5,6 +5,7 @@ use bytes::Bytes;
 use sk_core::flow::frame::FrameBuffer;
 use sk_core::flow::limits::{MAGIC, VERSION, VERSION_OLDEST};
 use sk_core::flow::satellite::{Credentials, SatelliteCore};
+use sk_core::flow::scram::{ClientExchange, Password, ServerExchange};
 use sk_core::flow::server::{Notice, Origin, ServerCore, Settings};
 use sk_core::flow::{Command, Event, Flags, Form, Message, State};
 use sk_flat::Instant;
@@ -18,6 +19,21 @@ pub fn frames(data: &[u8]) {
     every_frame_has_one_form::<Event>(bytes);
     a_hub_stands(usize::from(far % 4), bytes);
     a_satellite_stands(bytes);
+    a_login_by_password_stands(bytes);
+}
+
+/// Every text that a peer may send in a login is refused or answered, and a guessed proof is never true.
+fn a_login_by_password_stands(bytes: &[u8]) {
+    let text = String::from_utf8_lossy(bytes);
+    let (first, last) = text.split_once('\n').unwrap_or((&text, ""));
+    for first in [first, "n,,n=ada,r=x"] {
+        let hub = ServerExchange::begin(first, &[2; 32], &[3; 32], &|_| None);
+        assert!(hub.is_err() || hub.is_ok_and(|hub| hub.finish(last).is_err()));
+    }
+    let mut client = ClientExchange::new("ada", &[1; 32]);
+    if let Ok(derivation) = client.challenged(first, Password::new("pencil")) {
+        assert!(!client.hub_is_true(&[0; 32]), "nothing was proved to it: {derivation:?}");
+    }
 }
 
 fn every_frame_has_one_form<M: Message>(bytes: &[u8]) {

@@ -14,6 +14,8 @@ pub enum Action {
     Close(u8),
     /// It subscribes to another node's channel: whose, which, and how many messages may wait (0: the hub's default).
     Hear(u16, u8, u16),
+    /// The same, and it must not miss a message: if more wait than that, it is to be told by the end of its connection.
+    HearAll(u16, u8, u16),
     /// It gives that subscription up.
     Unhear(u16, u8),
     /// It publishes that many messages of that many bytes on its channel.
@@ -26,6 +28,21 @@ pub enum Action {
     Unserve,
     /// It calls that node's service that many times, with that many bytes.
     Call(u16, u16, u32),
+    /// It changes that many variables of its durable database, one after the other.
+    Write(u16),
+    /// It changes its other database and saves it.
+    Save,
+    /// It takes back what it saved last.
+    Load,
+    /// It watches the databases of that node.
+    Watch(u16),
+    /// It compares what it was told of what it watches with what there is.
+    Ask,
+    /// Of 1024 reads, writes and synchronisations of the hub's disk so many fail, and it has room for so many KiB (0: as
+    /// many as are wanted).
+    Disk(u16, u16, u16, u16),
+    /// Bytes of the hub's store are other ones when it is started next: at that 1024th of the file, so many.
+    Rot(u16, u16),
     /// It reads no more than that many bytes every five milliseconds; 0 is as fast as they come.
     Slow(u32),
     /// It sends what no honest client sends, of that kind.
@@ -102,6 +119,9 @@ impl fmt::Display for Action {
             Action::Hear(node, channel, depth) => {
                 words(f, "hear", &[node.into(), channel.into(), depth.into()])
             }
+            Action::HearAll(node, channel, depth) => {
+                words(f, "hear-all", &[node.into(), channel.into(), depth.into()])
+            }
             Action::Unhear(node, channel) => words(f, "unhear", &[node.into(), channel.into()]),
             Action::Burst(channel, count, bytes) => {
                 words(f, "burst", &[channel.into(), count.into(), bytes.into()])
@@ -110,6 +130,15 @@ impl fmt::Display for Action {
             Action::Serve => f.write_str("serve"),
             Action::Unserve => f.write_str("unserve"),
             Action::Call(node, count, bytes) => words(f, "call", &[node.into(), count.into(), bytes.into()]),
+            Action::Write(count) => words(f, "write", &[count.into()]),
+            Action::Save => f.write_str("save"),
+            Action::Load => f.write_str("load"),
+            Action::Watch(node) => words(f, "watch", &[node.into()]),
+            Action::Ask => f.write_str("ask"),
+            Action::Disk(read, write, sync, kib) => {
+                words(f, "disk", &[read.into(), write.into(), sync.into(), kib.into()])
+            }
+            Action::Rot(at, bytes) => words(f, "rot", &[at.into(), bytes.into()]),
             Action::Slow(bytes) => words(f, "slow", &[bytes.into()]),
             Action::Wild(kind) => write!(f, "wild {}", name_of(&WILDNESSES, &kind)),
             Action::Link(delay, jitter, piece) => {
@@ -132,12 +161,20 @@ impl Action {
             "open" => Action::Open(number(words)?),
             "close" => Action::Close(number(words)?),
             "hear" => Action::Hear(number(words)?, number(words)?, number(words)?),
+            "hear-all" => Action::HearAll(number(words)?, number(words)?, number(words)?),
             "unhear" => Action::Unhear(number(words)?, number(words)?),
             "burst" => Action::Burst(number(words)?, number(words)?, number(words)?),
             "abort" => Action::Abort(number(words)?, number(words)?),
             "serve" => Action::Serve,
             "unserve" => Action::Unserve,
             "call" => Action::Call(number(words)?, number(words)?, number(words)?),
+            "write" => Action::Write(number(words)?),
+            "save" => Action::Save,
+            "load" => Action::Load,
+            "watch" => Action::Watch(number(words)?),
+            "ask" => Action::Ask,
+            "disk" => Action::Disk(number(words)?, number(words)?, number(words)?, number(words)?),
+            "rot" => Action::Rot(number(words)?, number(words)?),
             "slow" => Action::Slow(number(words)?),
             "wild" => Action::Wild(named(&WILDNESSES, words)?),
             "link" => Action::Link(number(words)?, number(words)?, number(words)?),

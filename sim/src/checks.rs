@@ -1,9 +1,10 @@
 //! What is looked at from outside: the hub's books and registries, the loops' counters, the log.
 
 use crate::ledger::{self, Rule};
-use crate::run::{Part, Run, Wishes, names_of};
+use crate::run::{Part, Run, Wishes, channels_of};
 use crate::{log, script::Role};
 use sk_core::flow::ChannelRef;
+use sk_core::flow::delivery::DropReason;
 use sk_core::flow::server::ServerCore;
 use std::collections::BTreeMap;
 
@@ -27,6 +28,7 @@ pub(crate) fn always(run: &Run<'_>) {
     if let Some(error) = log::first_error() {
         complain(Rule::Honest, format!("the log has an error: {error}"));
     }
+    let must_not_miss = must_not_miss(run);
     look_at_hub(run, |core| {
         let totals = core.totals();
         if !totals.balance() {
@@ -51,6 +53,7 @@ pub(crate) fn always(run: &Run<'_>) {
         if let Some((channel, count)) = listeners.first_key_value() {
             complain(Rule::Reaped, format!("{count} subscriptions to channel {channel}, which is gone"));
         }
+        policies(core, &must_not_miss);
         let (spurious, wild) = (core.spurious(), ledger::with(|ledger| ledger.wild_sent));
         if spurious > wild {
             let last = log::last_warning().unwrap_or_default();
@@ -58,12 +61,41 @@ pub(crate) fn always(run: &Run<'_>) {
             complain(Rule::Honest, text);
         }
         let denied = ledger::with(|ledger| ledger.may_not_publish.clone());
-        for prefix in denied.into_iter().map(names_of) {
+        for prefix in denied.into_iter().map(channels_of) {
             if core.channels().any(|(channel, _)| channel.name.as_str().starts_with(&prefix)) {
                 complain(Rule::Rights, format!("a channel {prefix}… exists, and its owner may not publish"));
             }
         }
     });
+}
+
+/// The subscriptions that must not miss a message, by connection and name.
+fn must_not_miss(run: &Run<'_>) -> Vec<(u64, String)> {
+    let hears_all = ledger::with(|ledger| ledger.hears_all.clone());
+    let all = hears_all.into_iter().filter(|(_, all)| *all);
+    all.filter_map(|((node, name), _)| Some((run.wishes(node)?.connection?, name)))
+        .collect()
+}
+
+/// What is reliable is dropped only because somebody has gone, and who must not miss any has no gap.
+fn policies(core: &ServerCore, must_not_miss: &[(u64, String)]) {
+    let channels: BTreeMap<ChannelRef, (&str, bool)> = core
+        .channels()
+        .map(|(channel, _)| (channel.reference, (channel.name.as_str(), channel.properties.is_reliable())))
+        .collect();
+    for (connection, channel, counts) in core.subscriptions() {
+        let Some((name, reliable)) = channels.get(&channel) else { continue };
+        let dropped = |reason: DropReason| counts.dropped[reason as usize] > 0;
+        let lossy = [DropReason::Full, DropReason::NewestWins, DropReason::Credit];
+        let broken = *reliable && lossy.into_iter().any(dropped);
+        let must_not_miss = must_not_miss
+            .iter()
+            .any(|(id, wanted)| *id == connection.wire() && wanted == name);
+        if broken || must_not_miss && dropped(DropReason::NewestWins) {
+            let text = format!("connection {connection}, {name} (reliable: {reliable}): {counts:?}");
+            complain(Rule::Policies, text);
+        }
+    }
 }
 
 fn look_at_hub(run: &Run<'_>, look: impl FnOnce(&ServerCore)) {
@@ -109,6 +141,9 @@ pub(crate) fn calm(run: &Run<'_>) {
             }
         }
     });
+    if let Some(unfinished) = run.parts.keys().find_map(|number| run.unfinished(*number)) {
+        complain(Rule::Kept, unfinished);
+    }
     if let Some(key) = ledger::with(|ledger| ledger.endless_call()) {
         complain(Rule::Services, format!("{key:?} has no end"));
     }
@@ -127,7 +162,7 @@ fn restored(core: &ServerCore, part: &Part, number: u16, wishes: &Wishes) {
         Role::Inside { publish, subscribe, .. } => (publish, subscribe),
         _ => (true, true),
     };
-    let excused = ledger::with(|ledger| ledger.refused.contains(&number));
+    let excused = ledger::with(|ledger| ledger.without_identifier.contains(&number));
     for name in wishes.own.iter().filter(|_| publish && !excused) {
         let owner = core.channels().find(|(channel, _)| channel.name.as_str() == name);
         let owner = owner.map(|(channel, _)| channel.owner.wire());

@@ -16,7 +16,8 @@ const CHANNELS: u64 = 3;
 pub fn script(seed: u64) -> Script {
     let mut draw = Draw { rng: SimulatedRng::new(seed, STREAM) };
     let nodes = draw.nodes();
-    let kinds = draw.kinds();
+    let with_scribes = nodes.iter().any(|(_, role)| matches!(role, Role::Scribe(_)));
+    let kinds = draw.kinds(with_scribes);
     let actors: Vec<(u16, Role)> = nodes
         .iter()
         .copied()
@@ -53,6 +54,31 @@ enum Kind {
     Refusals,
     Deaths,
     HubDeaths,
+    Changes,
+    DiskFaults,
+    Rot,
+}
+
+impl Kind {
+    /// It happens to a node whatever that does.
+    fn is_of_world(self) -> bool {
+        matches!(
+            self,
+            Kind::Lateness
+                | Kind::Partitions
+                | Kind::Resets
+                | Kind::Refusals
+                | Kind::Deaths
+                | Kind::HubDeaths
+        )
+    }
+}
+
+fn scribes_of(actors: &[(u16, Role)]) -> impl Iterator<Item = u16> + '_ {
+    actors
+        .iter()
+        .filter(|(_, role)| matches!(role, Role::Scribe(_)))
+        .map(|(number, _)| *number)
 }
 
 struct Draw {
@@ -88,10 +114,16 @@ impl Draw {
             };
             nodes.push((number, role));
         }
+        if self.one_in(4) {
+            let first = nodes.len() as u16;
+            for number in first..first + 1 + self.below(3) as u16 {
+                nodes.push((number, Role::Scribe(self.way())));
+            }
+        }
         nodes
     }
 
-    fn kinds(&mut self) -> Vec<Kind> {
+    fn kinds(&mut self, with_scribes: bool) -> Vec<Kind> {
         let sometimes = [
             Kind::LargeBursts,
             Kind::Aborts,
@@ -107,6 +139,11 @@ impl Draw {
         let mut kinds =
             vec![Kind::Channels, Kind::Subscriptions, Kind::Subscriptions, Kind::Bursts, Kind::Bursts];
         kinds.extend(sometimes.into_iter().filter(|_| self.one_in(2)));
+        if with_scribes {
+            kinds.extend([Kind::Changes; 6]);
+            let sometimes = [Kind::DiskFaults, Kind::Rot, Kind::HubDeaths];
+            kinds.extend(sometimes.into_iter().filter(|_| self.one_in(3)));
+        }
         if self.one_in(8) {
             kinds.push(Kind::HubDeaths);
         }
@@ -118,7 +155,14 @@ impl Draw {
         for &(node, _) in actors.iter().filter(|(_, role)| *role == Role::Talker) {
             self.serve(steps, node);
         }
-        for &(node, role) in actors.iter().filter(|(_, role)| !matches!(role, Role::Wild | Role::Talker)) {
+        for &(node, _) in actors.iter().filter(|(_, role)| matches!(role, Role::Scribe(_))) {
+            for _ in 0..1 + self.below(3) {
+                let at_us = 25_000 + self.below(20_000);
+                self.keep(steps, at_us, node, actors);
+            }
+        }
+        let speaks = |role: &Role| !matches!(role, Role::Wild | Role::Talker | Role::Scribe(_));
+        for &(node, role) in actors.iter().filter(|(_, role)| speaks(role)) {
             let at_us = 25_000 + self.below(10_000);
             for channel in 0..self.below(CHANNELS) as u8 {
                 steps.push(Step { at_us, node, action: Action::Open(channel) });
@@ -152,6 +196,19 @@ impl Draw {
         {
             return self.talk(steps, at_us, node, actors);
         }
+        match kind {
+            Kind::DiskFaults => return self.spoil_disk(steps, at_us),
+            Kind::Rot => return self.rot(steps, at_us),
+            Kind::Changes => {
+                let scribes: Vec<u16> = scribes_of(actors).collect();
+                let node = scribes[self.below(scribes.len() as u64) as usize];
+                return self.keep(steps, at_us, node, actors);
+            }
+            kind if matches!(role, Role::Scribe(_)) && !kind.is_of_world() => {
+                return self.keep(steps, at_us, node, actors);
+            }
+            _ => {}
+        }
         let mut add = |at_us, node, action| steps.push(Step { at_us, node, action });
         let other = actors[self.below(actors.len() as u64) as usize].0;
         let later = at_us + 1000 + self.below(700_000);
@@ -161,6 +218,9 @@ impl Draw {
             Kind::Subscriptions if self.one_in(5) => add(at_us, node, Action::Unhear(other, channel)),
             Kind::Subscriptions => {
                 let depth = [0, 1, 3, 1024][self.below(4) as usize];
+                if matches!(role, Role::Satellite(_)) && self.one_in(4) {
+                    return add(at_us, node, Action::HearAll(other, channel, depth));
+                }
                 add(at_us, node, Action::Hear(other, channel, depth));
             }
             Kind::Bursts => {
@@ -193,7 +253,7 @@ impl Draw {
                 add(at_us, node, Action::Slow(1 + self.below(400) as u32));
                 add(later, node, Action::Slow(0));
             }
-            Kind::Wildness => {}
+            Kind::Wildness | Kind::Changes | Kind::DiskFaults | Kind::Rot => {}
             Kind::Lateness => {
                 let piece = [0, 3, 50, 1400][self.below(4) as usize];
                 let (delay, jitter) = (self.below(100_000), self.below(50_000));
@@ -217,6 +277,38 @@ impl Draw {
             }
             Kind::Deaths => self.death(steps, at_us, node),
             Kind::HubDeaths => self.death(steps, at_us, 0),
+        }
+    }
+
+    fn keep(&mut self, steps: &mut Vec<Step>, at_us: u64, node: u16, actors: &[(u16, Role)]) {
+        let scribes: Vec<u16> = scribes_of(actors).collect();
+        let action = match self.below(8) {
+            0 | 1 => Action::Save,
+            2 => Action::Load,
+            3 => Action::Watch(scribes[self.below(scribes.len() as u64) as usize]),
+            _ => Action::Write(1 + self.below(12) as u16),
+        };
+        steps.push(Step { at_us, node, action });
+    }
+
+    fn spoil_disk(&mut self, steps: &mut Vec<Step>, at_us: u64) {
+        let rate = |draw: &mut Draw| if draw.one_in(2) { draw.below(300) as u16 } else { 0 };
+        let (read, write, sync) = (rate(self), rate(self), rate(self));
+        let kib = if self.one_in(3) { 1 + self.below(3000) as u16 } else { 0 };
+        steps.push(Step { at_us, node: 0, action: Action::Disk(read, write, sync, kib) });
+        let after = at_us + 1000 + self.below(400_000);
+        steps.push(Step { at_us: after, node: 0, action: Action::Disk(0, 0, 0, 0) });
+    }
+
+    /// The hub ends, its file changes, and it is started again.
+    fn rot(&mut self, steps: &mut Vec<Step>, at_us: u64) {
+        let death = if self.one_in(2) { Action::Die(Death::Killed) } else { Action::Quit };
+        let at = if self.one_in(2) { 0 } else { self.below(1024) as u16 };
+        let most = if self.one_in(2) { 8 } else { 5000 };
+        let bytes = 1 + self.below(most) as u16;
+        let after = at_us + 1000 + self.below(300_000);
+        for (at_us, action) in [(at_us, death), (at_us + 1, Action::Rot(at, bytes)), (after, Action::Start)] {
+            steps.push(Step { at_us, node: 0, action });
         }
     }
 

@@ -2,6 +2,7 @@
 //!
 //! A run is one thread, and so is its ledger: actors on any loop of the run write into the same one.
 
+use crate::archive::Archive;
 use crate::stamp::{Origin, Stamp, channel_name};
 use sk_core::flow::{ChannelRef, RefusalCode};
 use sk_flat::Instant;
@@ -32,6 +33,12 @@ pub enum Rule {
     Rights,
     /// An honest client is never killed as spurious, and an honest hub is understood.
     Honest,
+    /// Of what the hub said to be kept nothing is lost, and nothing is found that was not written so.
+    Kept,
+    /// Who watches a database knows what is in it.
+    Watched,
+    /// What is reliable is not dropped, and who must not miss any misses none.
+    Policies,
     /// Every call has exactly one end, and the answer of its own request.
     Services,
     /// Nothing panics.
@@ -97,15 +104,19 @@ pub(crate) struct Ledger {
     pub(crate) received: BTreeMap<(u64, ChannelRef), Received>,
     pub(crate) may_not_hear: BTreeSet<u16>,
     pub(crate) may_not_publish: BTreeSet<u16>,
+    /// Subscriptions of nodes by the channels' names: whether they must not miss any message, and never were otherwise.
+    pub(crate) hears_all: BTreeMap<(u16, String), bool>,
     /// The undisturbed pair: who listens and who speaks; nobody once the hub itself was disturbed.
     pub(crate) pair: Option<(u16, u16)>,
-    /// Channels may be refused because of somebody who is no more.
-    pub(crate) ghosts: bool,
-    /// Nodes to which that happened.
-    pub(crate) refused: BTreeSet<u16>,
+    /// There are fewer identifiers than channels that are wanted.
+    pub(crate) narrow: bool,
+    /// Nodes that got none for a channel of theirs.
+    pub(crate) without_identifier: BTreeSet<u16>,
     /// How many connections sent what may be called spurious.
     pub(crate) wild_sent: u64,
     calls: BTreeMap<CallKey, CallState>,
+    /// What is in the databases.
+    pub(crate) archive: Archive,
     pub(crate) messages_published: u64,
     pub(crate) messages_heard: u64,
     pub(crate) now: Instant,
@@ -166,9 +177,8 @@ impl Ledger {
     /// The hub refused a node something.
     pub(crate) fn was_refused(&mut self, node: u16, why: &str) {
         self.note(&[6, node.into(), why.len() as u64, self.now.as_nanos()]);
-        let taken = [RefusalCode::Exists, RefusalCode::NoFreeChannel];
-        if self.ghosts && taken.iter().any(|code| code.to_string() == why) {
-            self.refused.insert(node);
+        if self.narrow && RefusalCode::NoFreeChannel.to_string() == why {
+            self.without_identifier.insert(node);
         }
     }
 

@@ -17,6 +17,7 @@
 
 pub mod action;
 mod actors;
+mod archive;
 mod checks;
 pub mod generate;
 pub mod ledger;
@@ -25,3 +26,4 @@ pub mod run;
 pub mod script;
 pub mod shrink;
 pub mod stamp;
+mod start;

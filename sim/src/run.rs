@@ -1,23 +1,24 @@
 //! Runs a script and judges what it sees.
 
 use crate::action::Action;
-use crate::actors::{Identity, Member, Plain, SERVICE, TOKEN, Talker, Wild};
+use crate::actors::{Identity, Member, Plain, SERVICE, Scribe, Talker, Wild};
 use crate::ledger::{self, Complaint, Rule};
-use crate::script::{Role, Script, Step, Way};
-use crate::stamp::{Origin, USER, channel_name};
+use crate::script::{Role, Script, Step};
+use crate::stamp::{Origin, channel_name};
+use crate::start::{HubEnd, HubStart, STORE, start_actor};
 use crate::{checks, log};
-use sk_core::flow::login::OwnerToken;
-use sk_core::flow::server::Settings;
 use sk_core::flow::{Right, Rights, SkFlowSat, SkFlowServer};
 use sk_core::prelude::*;
-use sk_core::testing::{Node, Simulation, USER_ID};
-use sk_core::world::{Clock, Death, LinkFaults, SimulatedRng, SimulatedWorld};
+use sk_core::testing::{Node, Simulation};
+use sk_core::world::{Clock, Death, DiskFaults, LinkFaults, SimulatedRng, SimulatedWorld, Storage};
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// The stream of what the runner itself leaves to chance.
 const CHANCES_STREAM: u64 = 1 << 48;
+/// Those from which the faults of the hub's disk are drawn.
+const DISK_STREAM: u64 = 1 << 47;
 /// How often the rules are looked at.
 const CHECKS_EVERY: Duration = Duration::from_millis(100);
 /// How long a loop without news waits; long, because simulated rounds cost real time.
@@ -25,6 +26,8 @@ const INTERVAL: Duration = Duration::from_millis(250);
 /// After the script: how long everybody has to find the hub again, by the longest wait before a reconnection, a login
 /// that finds nobody, a predecessor that is taken for alive, and some more.
 const CALM: Duration = Duration::from_secs(16);
+/// How long a last change, or a question about all, may take when nothing is wrong.
+const LAST_WORDS: Duration = Duration::from_secs(2);
 /// How long the hub has to find out that somebody vanished.
 const REAPING: Duration = Duration::from_secs(8);
 /// How long a hub has to end.
@@ -81,6 +84,7 @@ pub(crate) enum Actor {
     Plain(Handle<Plain>),
     Talker(Handle<Talker>),
     Wild(Handle<Wild>),
+    Scribe(Handle<Scribe>),
 }
 
 /// One that takes part.
@@ -135,15 +139,8 @@ impl<'a> Run<'a> {
 
     fn begin_ledger(&self) {
         let mut pair = (None, None);
-        // Of one that vanishes the hub keeps the channels until it has been silent for long enough. It refuses the next
-        // life their names, and maybe others their identifiers; satellites do not ask again, and sessions are not there
-        // yet.
-        let leaves_a_ghost = |step: &Step| {
-            matches!(step.action, Action::Die(Death::Vanished | Death::PowerCut) | Action::Part(..))
-        };
-        let ghosts = self.script.steps.iter().any(leaves_a_ghost);
         ledger::with(|ledger| {
-            ledger.ghosts = ghosts || self.is_narrow();
+            ledger.narrow = self.is_narrow();
             for (number, part) in &self.parts {
                 match part.role {
                     Role::Listener => pair.0 = Some(*number),
@@ -202,7 +199,8 @@ impl<'a> Run<'a> {
     // ---- who takes part ----
 
     fn start(&mut self, number: u16) {
-        let ids = self.channel_ids();
+        let keeps = self.script.nodes.iter().any(|(_, role)| matches!(role, Role::Scribe(_)));
+        let hub = HubStart { ids: self.channel_ids(), keeps };
         let Some(part) = self.parts.get_mut(&number) else { return };
         if part.actor.is_some() || part.thread.is_some() {
             return;
@@ -218,7 +216,12 @@ impl<'a> Run<'a> {
             settings.interval = INTERVAL;
             settings.slow_interval = INTERVAL;
         });
-        let actor = node.with(|cx| start_actor(cx, who, role, ids));
+        let actor = node.with(|cx| start_actor(cx, who, role, &hub));
+        if actor.is_none() {
+            // It could not begin; it may be started again.
+            part.machine = node.quit();
+            return;
+        }
         part.node = Some(node);
         part.actor = actor;
         if role == Role::Hub {
@@ -333,7 +336,11 @@ impl<'a> Run<'a> {
         }
         let Some(part) = self.parts.get_mut(&number) else { return };
         let Some(node) = part.node.take() else { return };
-        ledger::with(|ledger| ledger.forget_calls(number));
+        ledger::with(|ledger| {
+            ledger.forget_calls(number);
+            ledger.hears_all.retain(|(node, _), _| *node != number);
+            ledger.archive.abandon(|database| database.starts_with(&format!("n{number}.")));
+        });
         part.actor = None;
         part.life += 1;
         part.machine = match death {
@@ -376,8 +383,40 @@ impl<'a> Run<'a> {
             Action::Die(death) => self.end(number, Some(death)),
             Action::Quit => self.end(number, None),
             Action::Start => self.start(number),
+            Action::Disk(read, write, sync, kib) => self.spoil_disk([read, write, sync], kib),
+            Action::Rot(at, bytes) => self.rot(at, bytes),
             _ => self.command(number, action),
         }
+    }
+
+    fn spoil_disk(&mut self, [read_errors, write_errors, sync_errors]: [u16; 3], kib: u16) {
+        let bytes_max = (kib > 0).then(|| u64::from(kib) * 1024);
+        let faults = DiskFaults { read_errors, write_errors, sync_errors, bytes_max };
+        let world = self.simulation.world();
+        world
+            .storage()
+            .set_faults(faults, world.rng(DISK_STREAM + self.chances.below(1 << 20)));
+    }
+
+    /// Makes other bytes of some of the store's, while no hub runs.
+    fn rot(&mut self, at: u16, bytes: u16) {
+        if self.hub().is_some() {
+            return;
+        }
+        let storage = self.simulation.world().storage();
+        let rotted = storage.open(STORE.as_ref(), false).and_then(|file| {
+            let len = file.len()?;
+            let from = (len * u64::from(at) / 1024).min(len.saturating_sub(1));
+            let mut there = vec![0; usize::from(bytes).min((len - from) as usize)];
+            file.read_at(from, &mut there)?;
+            there.iter_mut().for_each(|byte| *byte ^= 0x5a);
+            // From here on something may be wrong, even if the disk fails.
+            ledger::with(|ledger| ledger.archive.rotten = true);
+            file.write_at(from, &there)?;
+            file.sync()
+        });
+        // A disk that fails, or has no store yet, does not rot.
+        drop(rotted);
     }
 
     fn command(&mut self, number: u16, action: Action) {
@@ -393,6 +432,7 @@ impl<'a> Run<'a> {
             Actor::Plain(plain) => cx.with(plain, |plain, cx| plain.act(cx, action)).is_ok(),
             Actor::Talker(talker) => cx.with(talker, |talker, cx| talker.act(cx, action)).is_ok(),
             Actor::Wild(wild) => cx.with(wild, |wild, cx| wild.act(cx, action)).is_ok(),
+            Actor::Scribe(scribe) => cx.with(scribe, |scribe, cx| scribe.act(cx, action)).is_ok(),
             Actor::Hub(_) => false,
         });
     }
@@ -402,6 +442,7 @@ impl<'a> Run<'a> {
     /// Everything is mended and everybody runs: the honest find all again, and the books are closed.
     fn calm(&mut self) -> Result<(), Complaint> {
         let numbers: Vec<u16> = self.parts.keys().copied().collect();
+        self.spoil_disk([0; 3], 0);
         self.start(0);
         self.hush();
         for number in numbers.iter().copied().filter(|number| *number != 0) {
@@ -409,8 +450,24 @@ impl<'a> Run<'a> {
             self.act(number, Action::Slow(0));
         }
         self.go_on(CALM)?;
+        self.last_words(&numbers)?;
         checks::calm(self);
         self.judge()
+    }
+
+    /// Those who keep things change something once more, and when that is done they compare what they were told of
+    /// others' things with what there is.
+    fn last_words(&mut self, numbers: &[u16]) -> Result<(), Complaint> {
+        if !self.parts.values().any(|part| matches!(part.role, Role::Scribe(_))) {
+            return Ok(());
+        }
+        for actions in [&[Action::Write(2), Action::Save][..], &[Action::Ask]] {
+            for number in numbers {
+                actions.iter().for_each(|action| self.command(*number, *action));
+            }
+            self.go_on(LAST_WORDS)?;
+        }
+        Ok(())
     }
 
     /// The undisturbed pair has been heard enough: the rest of the run costs less without it.
@@ -495,9 +552,24 @@ impl<'a> Run<'a> {
                 found.ok()
             }
             Actor::Plain(plain) => cx.with(plain, |p, _| (p.ready, p.connection(), p.wishes())).ok(),
+            Actor::Scribe(scribe) => {
+                let none = (Vec::new(), Vec::new());
+                cx.with(scribe, |s, cx| (s.ready, s.connection(cx), none)).ok()
+            }
             Actor::Hub(_) | Actor::Talker(_) | Actor::Wild(_) => None,
         })?;
         Some(Wishes { ready, connection, own, wanted })
+    }
+
+    /// What a node that keeps things still waits for.
+    pub(crate) fn unfinished(&self, number: u16) -> Option<String> {
+        let part = self.parts.get(&number)?;
+        let Some(Actor::Scribe(scribe)) = part.actor else { return None };
+        let looked = part
+            .node
+            .as_ref()?
+            .inspect(|cx| cx.with(scribe, |scribe, _| scribe.unfinished()));
+        looked.ok().flatten()
     }
 
     /// The last message of the undisturbed pair: how many were published, and the last that was heard.
@@ -518,56 +590,8 @@ pub(crate) struct Wishes {
     pub(crate) wanted: Vec<String>,
 }
 
-/// Ends the hub's process when its server has ended.
-struct HubEnd;
-
-impl HubEnd {
-    fn quit(&mut self, cx: &mut Cx) {
-        cx.quit();
-    }
-}
-
-object! { HubEnd { slots { quit() } } }
-
-fn start_actor(cx: &mut Cx, who: Identity, role: Role, ids: Range<u16>) -> Option<Actor> {
-    Some(match role {
-        Role::Hub => Actor::Hub(start_hub(cx, ids)?),
-        Role::Satellite(way) => Actor::Member(start_member(cx, who, way)),
-        Role::Listener => Actor::Member(start_member(cx, who, Way::Unix)),
-        Role::Speaker => {
-            let member = start_member(cx, who, Way::Unix);
-            Member::speak_always(cx, member);
-            Actor::Member(member)
-        }
-        Role::Plain(way) => Actor::Plain(Plain::start(cx, who, way)),
-        Role::Talker => Actor::Talker(Talker::start(cx, who)),
-        Role::Wild => Actor::Wild(Wild::start(cx, who)),
-        Role::Inside { .. } => return None,
-    })
-}
-
-fn start_member(cx: &mut Cx, who: Identity, way: Way) -> Handle<Member> {
-    let hub = SkFlowSat::connect_as(cx, &way.address(), way.credentials());
-    Member::start(cx, who, hub)
-}
-
-fn start_hub(cx: &mut Cx, ids: Range<u16>) -> Option<Handle<SkFlowServer>> {
-    let user = USER.parse().ok()?;
-    let settings = Settings { user, token: Some(OwnerToken::new(TOKEN)), owner_uid: Some(USER_ID) };
-    let server = SkFlowServer::start(cx, settings);
-    // A server that was made just now is there and idle.
-    let _ = server.narrow_channel_ids(cx, ids);
-    for way in [Way::Tcp, Way::Unix] {
-        if let Err(error) = server.listen(cx, &way.address()) {
-            let text = format!("the hub cannot listen at {}: {error}", way.address());
-            ledger::with(|ledger| ledger.complain(Rule::Restored, text));
-        }
-    }
-    Some(server)
-}
-
 /// The name of every channel that a node without the right to publish would have.
-pub(crate) fn names_of(node: u16) -> String {
+pub(crate) fn channels_of(node: u16) -> String {
     let first = channel_name(node, 0);
     first.trim_end_matches('0').to_owned()
 }

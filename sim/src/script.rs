@@ -60,6 +60,8 @@ pub enum Role {
     Plain(Way),
     /// A client that serves and calls.
     Talker,
+    /// A satellite that keeps things in databases, and watches those of others. If there is one, the hub has a store.
+    Scribe(Way),
     /// A client that is not honest.
     Wild,
     /// The undisturbed pair's first: it publishes all the time.
@@ -125,6 +127,7 @@ impl fmt::Display for Role {
                 f.write_str(if *subscribe { " subscribe" } else { "" })
             }
             Role::Plain(way) => write!(f, "plain {way}"),
+            Role::Scribe(way) => write!(f, "scribe {way}"),
             Role::Talker => f.write_str("talker"),
             Role::Wild => f.write_str("wild"),
             Role::Speaker => f.write_str("speaker"),
@@ -151,6 +154,7 @@ impl Role {
             "hub" => Role::Hub,
             "satellite" => Role::Satellite(Way::parse(words)?),
             "plain" => Role::Plain(Way::parse(words)?),
+            "scribe" => Role::Scribe(Way::parse(words)?),
             "talker" => Role::Talker,
             "wild" => Role::Wild,
             "speaker" => Role::Speaker,

@@ -123,6 +123,7 @@ fn weight(action: Action) -> u64 {
     match action {
         Action::Burst(_, count, bytes) => u64::from(count) * u64::from(bytes),
         Action::Abort(_, bytes) => bytes.into(),
+        Action::Write(count) => count.into(),
         Action::Link(delay, jitter, _) => u64::from(delay) + u64::from(jitter),
         _ => 0,
     }
@@ -134,6 +135,7 @@ fn lessened(action: Action) -> Option<Action> {
         Action::Burst(channel, count @ 2.., bytes) => Some(Action::Burst(channel, count / 2, bytes)),
         Action::Burst(channel, count, bytes @ 64..) => Some(Action::Burst(channel, count, bytes / 2)),
         Action::Abort(channel, bytes @ 2..) => Some(Action::Abort(channel, bytes / 2)),
+        Action::Write(count @ 2..) => Some(Action::Write(count / 2)),
         Action::Link(delay @ 1000.., jitter, piece) => Some(Action::Link(delay / 2, jitter, piece)),
         Action::Link(delay, jitter @ 1000.., piece) => Some(Action::Link(delay, jitter / 2, piece)),
         _ => None,

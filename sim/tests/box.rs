@@ -30,8 +30,9 @@ fn every_script_can_be_written_down_and_read_again() {
         }
     }
     let all = [
-        "abort", "burst", "call", "close", "die", "hear", "link", "mend", "open", "part", "quit", "refuse",
-        "reset", "serve", "slow", "start", "unhear", "unserve", "wild",
+        "abort", "burst", "call", "close", "die", "disk", "hear", "hear-all", "link", "load", "mend", "open",
+        "part", "quit", "refuse", "reset", "rot", "save", "serve", "slow", "start", "unhear", "unserve",
+        "watch", "wild", "write",
     ];
     assert_eq!(seen.iter().map(String::as_str).collect::<Vec<_>>(), all, "every kind comes up");
 }
@@ -94,4 +95,31 @@ fn a_rule_that_is_broken_is_told() {
     assert_eq!(complaint.rule, sk_sim::ledger::Rule::Restored);
     let shrunk = sk_sim::shrink::shrink(&script, 50).expect("it still fails");
     assert_eq!((shrunk.script.steps.len(), shrunk.script.nodes.len()), (0, 1));
+}
+
+/// A process that is started again while the hub takes its predecessor for alive: it is refused its own names for
+/// seconds, and has them afterwards.
+#[test]
+fn a_satellite_takes_its_names_when_the_hub_lets_its_predecessor_go() {
+    for role in ["satellite tcp", "plain unix"] {
+        let text = format!(
+            "seed 1\nnode 0 hub\nnode 3 {role}\nat 30.000ms n3 open 0\nat 500.000ms n3 die vanished\n\
+             at 600.000ms n3 start\nat 610.000ms n3 open 0\n"
+        );
+        assert_eq!(run(&text.parse::<Script>().expect("a script")).complaint, None, "{role}");
+    }
+}
+
+/// Databases are written, saved and watched while the hub dies in each way, with a disk that fails in between.
+#[test]
+fn nothing_acknowledged_is_lost_however_a_hub_ends() {
+    for death in ["die killed", "die vanished", "die power-cut", "quit"] {
+        let text = format!(
+            "seed 3\nnode 0 hub\nnode 3 scribe tcp\nnode 4 scribe unix\nat 40.000ms n4 watch 3\n\
+             at 40.000ms n3 write 9\nat 41.000ms n3 save\nat 60.000ms n0 disk 50 50 50 0\nat 61.000ms n3 write 9\n\
+             at 80.000ms n0 disk 0 0 0 0\nat 81.000ms n3 write 9\nat 82.000ms n3 save\nat 83.500ms n0 {death}\n\
+             at 90.000ms n0 start\nat 400.000ms n3 load\nat 400.000ms n3 write 3\n"
+        );
+        assert_eq!(run(&text.parse::<Script>().expect("a script")).complaint, None, "{death}");
+    }
 }

@@ -6,7 +6,7 @@ use objects::*;
 use sk_core::prelude::*;
 use sk_core::testing::Simulation;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 /// Panics when it is dropped.
 #[derive(Clone)]
@@ -115,6 +115,72 @@ fn arguments_under_way_to_another_thread_whose_receiver_is_buried() {
     push(&mut app, button, 1);
     assert_eq!(log.take(), ["lamp 1"], "the requests after it are carried out");
     std::mem::forget(bomb);
+}
+
+/// Panics when it is dropped, once somebody has lit it.
+#[derive(Clone)]
+struct Fuse(Arc<AtomicBool>);
+impl Drop for Fuse {
+    fn drop(&mut self) {
+        if self.0.load(Ordering::SeqCst) && !std::thread::panicking() {
+            panic!("a drop that fails");
+        }
+    }
+}
+
+#[derive(Default)]
+struct Spool {
+    unwound: Signal<Fuse>,
+}
+object! { Spool { signals { unwound(Fuse) } } }
+
+/// Lights the fuse when it is buried.
+struct Lighter(Fuse);
+impl Lighter {
+    fn pass(&mut self, cx: &mut Cx, _fuse: Fuse) {
+        cx.destroy_later(cx.this(self));
+    }
+    fn on_destroy(&mut self, _cx: &mut Cx) {
+        self.0.0.store(true, Ordering::SeqCst);
+    }
+}
+object! { Lighter { slots { pass(Fuse) } hooks { on_destroy } } }
+
+#[test]
+fn a_ring_that_comes_when_its_receiver_is_buried() {
+    // So many that one round does not run them all, and the last ring but one is left behind full.
+    const CALLS: usize = 70_000;
+    let simulation = Simulation::new(1);
+    let mut app = simulation.app_with(|settings| {
+        settings.interval = Duration::from_secs(1);
+        settings.slow_interval = Duration::from_secs(1);
+    });
+    let far = SkThread::new("far")
+        .interval(ms(10))
+        .configure(|settings| settings.mailbox_messages_max = 2 * CALLS)
+        .start(app.cx())
+        .unwrap();
+    let fuse = Fuse(Arc::new(AtomicBool::new(false)));
+    let own = fuse.clone();
+    let lighter = far
+        .build(move |cx| {
+            let lighter = cx.spawn(Lighter(own));
+            cx.remote(lighter)
+        })
+        .unwrap();
+    let cx = app.cx();
+    let spool = cx.spawn(Spool::default());
+    attach!(cx, spool.unwound => lighter.pass, Queued);
+    app.pulse();
+    simulation.run_for(&mut app, ms(50));
+    let unwind = |spool: &mut Spool, cx: &mut Cx| (0..CALLS).for_each(|_| spool.unwound.emit(cx, &fuse));
+    app.cx().with(spool, unwind).unwrap();
+    assert_eq!(app.cx().counters().refused_full, 0);
+    simulation.run_for(&mut app, ms(50));
+    assert!(fuse.0.load(Ordering::SeqCst));
+    let panics = far.build(|cx| cx.counters().panics).unwrap();
+    assert_eq!(panics, 3, "its own, one of the ring it had, one of the ring after that");
+    fuse.0.store(false, Ordering::SeqCst);
 }
 
 #[test]

@@ -1,16 +1,19 @@
 //! A hub: a server, its addresses, and its modules.
 
-use crate::config::{Config, ModuleConfig, TcpAddress};
+use crate::config::{Config, ListenAddress, ModuleConfig, TcpAddress};
+use crate::listening;
+use crate::module_service;
 use crate::owner::{self, TokenFileError};
 use crate::places::{Places, PlacesError};
+use sk_core::flow::blob::BlobStore;
 use sk_core::flow::database::disk::{Store, StoreError};
 use sk_core::flow::server::Settings;
-use sk_core::flow::{HubAddress, Rights, SkFlowSat, SkFlowServer};
+use sk_core::flow::{HubAddress, KeepError, Rights, SkFlowSat, SkFlowServer};
 use sk_core::module::{AbstractModule, ModuleClass, ModuleError, ModuleSupervisor, Modules, ThreadedModule};
 use sk_core::object::NameError;
 use sk_core::prelude::*;
 use sk_flat::Name;
-use std::io::{self, ErrorKind};
+use std::io;
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4};
 use std::path::{Path, PathBuf};
 
@@ -27,6 +30,7 @@ pub struct Hub {
     pub(crate) config: Config,
     ender: Handle<Ender>,
     addresses: Vec<HubAddress>,
+    fingerprint: Option<String>,
     places: Places,
     failures: Vec<(String, String)>,
 }
@@ -65,6 +69,17 @@ pub enum HubError {
     /// Its databases cannot be opened.
     #[error(transparent)]
     Databases(#[from] StoreError),
+    /// Its accounts cannot be read, so nobody could say who would be let in.
+    #[error(transparent)]
+    Accounts(#[from] KeepError),
+    /// The folder of its blob channels cannot be opened.
+    #[error("cannot open {folder}, where the files of blob channels are: {error}")]
+    Blobs {
+        /// Which.
+        folder: String,
+        /// Why.
+        error: io::Error,
+    },
     /// It cannot listen.
     #[error("{address} is in use: another hub runs there; give this one another {option}")]
     Taken {
@@ -82,6 +97,21 @@ pub enum HubError {
         #[source]
         error: io::Error,
     },
+    /// What is shown to those who come by TLS cannot be.
+    #[error("`listen.{key}`: {path}: {why}")]
+    Tls {
+        /// The key of the configuration.
+        key: &'static str,
+        /// The file.
+        path: String,
+        /// What is wrong.
+        why: String,
+    },
+    /// An address with TLS, and nothing to show there.
+    #[error(
+        "{0} needs a certificate: say --tls CERTIFICATE KEY (`listen.tls_certificate`, `listen.tls_key`)"
+    )]
+    NoCertificate(HubAddress),
     /// The account's name cannot be.
     #[error("the account {0:?} cannot be: {1}")]
     Account(String, #[source] sk_flat::NameError),
@@ -118,6 +148,20 @@ impl HubBuilder {
     /// Does not listen for TCP.
     pub fn no_tcp(mut self) -> Self {
         self.config.listen.tcp.clear();
+        self
+    }
+
+    /// Listens at one more address, of any kind; `tls:` and `wss:` need [`tls`](HubBuilder::tls).
+    pub fn listen(mut self, at: HubAddress) -> Self {
+        self.config.listen.addresses.push(ListenAddress(at));
+        self
+    }
+
+    /// What those are shown who come by TLS: the PEM files of the certificate, with those that lead to the authority,
+    /// and of its key.
+    pub fn tls(mut self, certificate: &Path, key: &Path) -> Self {
+        self.config.listen.tls_certificate = Some(certificate.display().to_string());
+        self.config.listen.tls_key = Some(key.display().to_string());
         self
     }
 
@@ -213,19 +257,21 @@ impl HubBuilder {
         // Programs of the user whose files these are may come in without a token.
         let owner_uid = cx.world().storage.owner_and_mode(places.state()).ok().map(|(owner, _)| owner);
         let server = SkFlowServer::start(cx, Settings { user: account, token: Some(token), owner_uid });
-        let addresses = match listen(cx, server, &config, &places) {
-            Ok(addresses) => addresses,
+        let (addresses, fingerprint) = match listening::listen(cx, server, &config, &places) {
+            Ok(listening) => listening,
             Err(error) => {
                 cx.destroy_later(server);
                 return Err(error);
             }
         };
         // Whoever has the addresses has the files, so that two hubs never write to one store.
-        if let Err(error) = keep_databases(cx, server, &places) {
+        let kept = keep_databases(cx, server, &places).and_then(|()| keep_blobs(cx, server, &places));
+        if let Err(error) = kept {
             cx.destroy_later(server);
             return Err(error);
         }
         let modules = Modules::spawn(cx);
+        module_service::offer(cx, server, modules, &config.hub.account).map_err(HubError::Link)?;
         let ender = cx.spawn_with(|cx, this: Handle<Ender>| {
             attach!(cx, modules.stopped => this.on_stopped);
             Ender { server, modules, satellites: Vec::new() }
@@ -242,31 +288,8 @@ impl HubBuilder {
             .into_iter()
             .map(|(at, why)| (cx.name_of(at).unwrap_or("?").to_owned(), why))
             .collect();
-        Ok(Hub { server, modules, config, ender, addresses, places, failures })
+        Ok(Hub { server, modules, config, ender, addresses, fingerprint, places, failures })
     }
-}
-
-fn listen(
-    cx: &mut Cx,
-    server: Handle<SkFlowServer>,
-    config: &Config,
-    places: &Places,
-) -> Result<Vec<HubAddress>, HubError> {
-    let unix = config.listen.unix.then(|| (places.address(), "--state-dir (`state_dir`)"));
-    let tcp = config
-        .listen
-        .tcp
-        .iter()
-        .map(|at| (HubAddress::Tcp(at.0), "--tcp (`listen.tcp`)"));
-    let mut addresses = Vec::new();
-    for (address, option) in unix.into_iter().chain(tcp) {
-        let local = server.listen(cx, &address).map_err(|error| match error.kind() {
-            ErrorKind::AddrInUse => HubError::Taken { address, option },
-            _ => HubError::Listen { address, error },
-        })?;
-        addresses.push(local);
-    }
-    Ok(addresses)
 }
 
 /// Adds one module, on this loop or on a thread. On this loop it has a satellite, which is answered.
@@ -334,8 +357,17 @@ fn keep_databases(cx: &mut Cx, server: Handle<SkFlowServer>, places: &Places) ->
     if let Some(damage) = &opened.damage {
         tracing::error!("{damage}");
     }
+    server.keep_databases(cx, opened.store, opened.saved)?;
+    Ok(())
+}
+
+/// Opens the folder of this hub's blob channels.
+fn keep_blobs(cx: &mut Cx, server: Handle<SkFlowServer>, places: &Places) -> Result<(), HubError> {
+    let folder = places.blobs();
+    let store = BlobStore::open(cx.world().storage.clone(), folder.clone())
+        .map_err(|error| HubError::Blobs { folder: folder.display().to_string(), error })?;
     server
-        .keep_databases(cx, opened.store, opened.saved)
+        .keep_blobs(cx, store)
         .map_err(|error| HubError::Link(io::Error::other(error)))
 }
 
@@ -353,6 +385,11 @@ impl Hub {
     /// Where it listens.
     pub fn addresses(&self) -> &[HubAddress] {
         &self.addresses
+    }
+
+    /// The SHA-256 of the certificate that is shown at `tls:` and `wss:` addresses, for satellites that pin it.
+    pub fn fingerprint(&self) -> Option<&str> {
+        self.fingerprint.as_deref()
     }
 
     /// Its files.

@@ -42,7 +42,9 @@
 
 pub mod config;
 pub mod hub;
+mod listening;
 pub mod logging;
+pub mod module_service;
 pub mod notify;
 pub mod owner;
 pub mod places;

@@ -135,6 +135,11 @@ impl Places {
         self.state.join("databases.redb")
     }
 
+    /// The files of blob channels; mode 0700.
+    pub fn blobs(&self) -> PathBuf {
+        self.state.join("blobs")
+    }
+
     /// The hub's address for programs of the same user.
     pub fn address(&self) -> HubAddress {
         HubAddress::Unix(self.socket())

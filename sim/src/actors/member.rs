@@ -1,13 +1,12 @@
 //! A satellite as programs have it.
 
-use super::Identity;
+use super::{Identity, properties_of};
 use crate::action::Action;
 use crate::ledger;
 use crate::stamp::{Origin, USER, channel_name, own_name};
 use sk_core::flow::satellite::ChannelInfo;
 use sk_core::flow::{ChannelRef, FlowMessage, SkFlowSat};
 use sk_core::prelude::*;
-use sk_flat::SkVariant;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// How often the undisturbed pair's first publishes.
@@ -68,19 +67,28 @@ impl Member {
         match action {
             Action::Open(channel) => {
                 self.own.insert(channel);
-                let properties = SkVariant::map([("format", SkVariant::from("stamp"))]);
+                let properties = properties_of(self.who.node, channel);
                 // A name of ours is a name.
                 let _ = self.hub.open(cx, &own_name(self.who.node, channel), properties);
             }
             Action::Hear(node, channel, _) => {
                 let name = channel_name(node, channel);
                 let _ = self.hub.subscribe(cx, &name);
+                ledger::with(|ledger| ledger.hears_all.insert((self.who.node, name.clone()), false));
+                self.wanted.insert(name);
+            }
+            Action::HearAll(node, channel, depth) => {
+                let name = channel_name(node, channel);
+                let _ = self.hub.subscribe_to_all(cx, &name, depth);
+                let at = (self.who.node, name.clone());
+                ledger::with(|ledger| _ = ledger.hears_all.entry(at).or_insert(true));
                 self.wanted.insert(name);
             }
             Action::Unhear(node, channel) => {
                 let name = channel_name(node, channel);
                 let _ = self.hub.unsubscribe(cx, &name);
                 self.wanted.remove(&name);
+                ledger::with(|ledger| ledger.hears_all.remove(&(self.who.node, name.clone())));
                 if let (Some(connection), Some(reference)) = (self.hub.connection(cx), self.known.get(&name))
                 {
                     ledger::with(|ledger| ledger.gave_up(connection, *reference));

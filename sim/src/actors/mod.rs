@@ -2,11 +2,13 @@
 
 mod member;
 mod plain;
+mod scribe;
 mod talker;
 mod wild;
 
 pub(crate) use member::Member;
 pub(crate) use plain::Plain;
+pub(crate) use scribe::Scribe;
 pub(crate) use talker::{SERVICE, Talker};
 pub(crate) use wild::Wild;
 
@@ -14,6 +16,7 @@ use crate::script::Way;
 use sk_core::flow::HubAddress;
 use sk_core::flow::login::OwnerToken;
 use sk_core::flow::satellite::Credentials;
+use sk_flat::SkVariant;
 use std::net::{Ipv4Addr, SocketAddr};
 
 /// Which life of which node an actor is.
@@ -21,6 +24,21 @@ use std::net::{Ipv4Addr, SocketAddr};
 pub(crate) struct Identity {
     pub(crate) node: u16,
     pub(crate) life: u16,
+}
+
+/// Whether a node's channel is reliable: some are, so that both kinds meet every fault.
+pub(crate) fn is_reliable(node: u16, channel: u8) -> bool {
+    (node + u16::from(channel)) % 3 == 2
+}
+
+/// What a node's channel says about itself.
+pub(crate) fn properties_of(node: u16, channel: u8) -> SkVariant {
+    let format = ("format", SkVariant::from("stamp"));
+    if is_reliable(node, channel) {
+        SkVariant::map([format, ("delivery", SkVariant::from("reliable"))])
+    } else {
+        SkVariant::map([format])
+    }
 }
 
 /// The owner's token of every hub in a box.

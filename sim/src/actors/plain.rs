@@ -1,6 +1,6 @@
 //! An honest client of another make: the protocol's core over a plain socket.
 
-use super::Identity;
+use super::{Identity, is_reliable, properties_of};
 use crate::action::Action;
 use crate::ledger::{self, Rule};
 use crate::script::Way;
@@ -10,7 +10,6 @@ use sk_core::flow::satellite::{SatelliteCore, SatelliteEvent};
 use sk_core::flow::wire::WRITE_PARTS_MAX;
 use sk_core::flow::{ChannelRef, Command, Flags, Message};
 use sk_core::prelude::*;
-use sk_flat::SkVariant;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// How often it looks at deadlines, and how often a slow reader reads.
@@ -77,7 +76,7 @@ impl Plain {
         // Refused commands are told in the events; what cannot be asked now is asked when the link is there.
         match action {
             Action::Open(channel) if core.is_ready() && !self.own.contains(&channel) => {
-                let _ = core.create(&own_name(who.node, channel), &properties());
+                let _ = core.create(&own_name(who.node, channel), &properties_of(who.node, channel));
             }
             Action::Close(channel) => {
                 if let Some(reference) = self.held.get(&channel) {
@@ -161,8 +160,9 @@ impl Plain {
         else {
             return;
         };
-        // Behind a message of the core that is half out it would be dishonest.
-        if core.has_output() || !core.is_ready() {
+        // Behind a message of the core that is half out it would be dishonest, and so it would be to use up credit that the
+        // core counts on.
+        if core.has_output() || !core.is_ready() || is_reliable(self.who.node, channel) {
             return;
         }
         self.aborted += 1;
@@ -246,6 +246,7 @@ impl Plain {
                 SatelliteEvent::ChannelRemoved(info) => {
                     self.names.remove(&info.channel);
                     self.held.retain(|_, reference| *reference != info.channel);
+                    self.take_free_name(&info.name);
                 }
                 SatelliteEvent::Message { channel, payload } => {
                     let connection = self.connection().unwrap_or(0);
@@ -264,13 +265,27 @@ impl Plain {
         }
     }
 
+    /// A name is free that a former process of this client may have had until now.
+    fn take_free_name(&mut self, full_name: &str) {
+        let Some(core) = self.core.as_mut().filter(|core| core.is_ready()) else { return };
+        let mut mine = self
+            .own
+            .iter()
+            .filter(|channel| channel_name(self.who.node, **channel) == full_name);
+        if let Some(channel) = mine.next()
+            && !core.is_creating(full_name)
+        {
+            let _ = core.create(&own_name(self.who.node, *channel), &properties_of(self.who.node, *channel));
+        }
+    }
+
     fn let_in(&mut self, cx: &mut Cx) {
         self.ready = true;
         let Some(core) = &mut self.core else { return };
         let connection = core.connection();
         ledger::with(|ledger| ledger.was_let_in(connection));
         for channel in &self.own {
-            let _ = core.create(&own_name(self.who.node, *channel), &properties());
+            let _ = core.create(&own_name(self.who.node, *channel), &properties_of(self.who.node, *channel));
         }
         for (name, depth) in &self.wanted {
             let _ = core.subscribe(name, *depth);
@@ -312,8 +327,4 @@ impl Plain {
         self.connect_at = cx.now() + CONNECTS_AFTER;
         ledger::with(|ledger| ledger.note(&[9, self.who.node.into(), cx.clock_now().as_nanos()]));
     }
-}
-
-fn properties() -> SkVariant {
-    SkVariant::map([("format", SkVariant::from("stamp"))])
 }

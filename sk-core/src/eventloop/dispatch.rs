@@ -225,19 +225,25 @@ impl Cx {
     pub(crate) fn guarded(&mut self, f: impl FnOnce(&mut Cx)) {
         let depth = self.depth;
         if let Err(payload) = catch_unwind(AssertUnwindSafe(|| f(self))) {
-            self.caught(depth, &*payload);
+            self.caught(depth, None, &*payload);
         }
     }
 
+    /// A panic has reached its guard; `worker` is the framework object that did its own work, if that was it.
     #[cold]
-    fn caught(&mut self, depth: usize, payload: &(dyn std::any::Any + Send)) {
+    fn caught(&mut self, depth: usize, worker: Option<Frame>, payload: &(dyn std::any::Any + Send)) {
         let message = payload
             .downcast_ref::<&str>()
             .map(|text| (*text).to_owned())
             .or_else(|| payload.downcast_ref::<String>().cloned())
             .unwrap_or_else(|| "a panic without a message".to_owned());
         let reached = self.depth.min(Frame::ROOM - 1);
-        let frames: Vec<Frame> = self.chain[depth.min(reached)..=reached].to_vec();
+        let mut frames: Vec<Frame> = self.chain[depth.min(reached)..=reached].to_vec();
+        if let (Some(worker), Some(first)) = (worker, frames.first())
+            && self.object_of(first) != self.object_of(&worker)
+        {
+            frames.insert(0, worker);
+        }
         self.depth = depth;
         self.timing.nested = Duration::ZERO;
         let innermost = *frames.last().unwrap_or(&Frame::NOBODY);
@@ -318,7 +324,11 @@ impl Cx {
         if self.news.len() < self.settings.queue_calls_max {
             self.news.push_back(News::SlotFailed(failure));
         }
-        match if panicked { self.settings.after_panic } else { self.settings.after_error } {
+        self.treat(object, if panicked { self.settings.after_panic } else { self.settings.after_error });
+    }
+
+    fn treat(&mut self, object: ObjectId, policy: AfterFailure) {
+        match policy {
             AfterFailure::GoOn => {}
             AfterFailure::Destroy => self.mark(object, Reason::Failed),
             AfterFailure::Stop => self.quit(),
@@ -412,15 +422,26 @@ impl Cx {
 
     /// What the loop does for a framework object of its own accord: serving its socket, writing what it has
     /// gathered. While calls are timed its time, without that of the slots it called, stands beside theirs.
-    pub(crate) fn as_own_work<R>(&mut self, owner: ObjectId, work: impl FnOnce(&mut Cx) -> R) -> R {
-        if !self.timing.on {
-            return work(self);
-        }
-        self.timing.nested = Duration::ZERO;
-        let before = self.world.clock.now();
-        let done = work(self);
+    ///
+    /// A panic in it ends here. Its object was left in the middle of something, so it is treated by the policy for
+    /// panics even if an object that it reached is the one that panicked. The answer is then that of no work.
+    pub(crate) fn as_own_work<R: Default>(&mut self, owner: ObjectId, work: impl FnOnce(&mut Cx) -> R) -> R {
+        let before = self.timing.on.then(|| {
+            self.timing.nested = Duration::ZERO;
+            self.world.clock.now()
+        });
         self.enter(owner, &OWN_WORK);
-        self.note_call_time(before);
+        let (depth, worker) = (self.depth, self.chain_top());
+        let done = catch_unwind(AssertUnwindSafe(|| work(self)));
+        let done = done.unwrap_or_else(|payload| {
+            self.caught(depth, Some(worker), &*payload);
+            self.treat(owner, self.settings.after_panic);
+            R::default()
+        });
+        if let Some(before) = before {
+            self.enter(owner, &OWN_WORK);
+            self.note_call_time(before);
+        }
         self.restore_chain_top(Frame::NOBODY);
         done
     }
@@ -450,7 +471,7 @@ impl Cx {
 
 #[cfg(test)]
 mod tests {
-    use crate::eventloop::Overload;
+    use crate::eventloop::{Failure, Overload};
     use crate::testing::Simulation;
     use crate::world::Readiness;
     use crate::{Cx, ObjectId, attach, object};
@@ -486,5 +507,55 @@ mod tests {
         simulation.run_for(&mut app, Duration::from_millis(200));
         let seen = app.cx().with(server, |guard, _| guard.seen.clone());
         assert_eq!(seen, Ok(vec!["Guard.(its sockets) of server".to_owned()]));
+    }
+
+    /// Panics when it is served, inside an object it has reached.
+    fn failing_source(cx: &mut Cx, owner: ObjectId, _readiness: Readiness) -> bool {
+        assert!(cx.is_alive(owner), "a source is served while its object lives");
+        if let Some(reached) = cx.find_as::<Guard>("reached") {
+            let _ = cx.with(reached, |_, _| panic!("in the middle of it"));
+        }
+        panic!("it has to reach somebody");
+    }
+
+    fn failing_flush(_: &mut Cx, _owner: ObjectId) {
+        panic!("while writing");
+    }
+
+    #[derive(Default)]
+    struct Clerk {
+        failures: Vec<(String, String)>,
+    }
+    impl Clerk {
+        fn failed(&mut self, _cx: &mut Cx, failure: &Failure) {
+            self.failures.push((failure.chain.join(" "), failure.message.clone()));
+        }
+    }
+    object! { Clerk { slots { failed(&Failure) } } }
+
+    /// The loop goes on, both failures are told, and neither object stays behind in the middle of its work.
+    #[test]
+    fn a_panic_in_the_work_of_a_framework_object_ends_that_object_alone() {
+        let simulation = Simulation::new(1);
+        let mut app = simulation.app();
+        let cx = app.cx();
+        let clerk = cx.spawn(Clerk::default());
+        attach!(cx, cx.event_loop().slot_failed => clerk.failed);
+        simulation.run_for(&mut app, Duration::from_millis(20));
+        let cx = app.cx();
+        let server = cx.named("server").spawn(Guard::default());
+        let reached = cx.named("reached").spawn(Guard::default());
+        let writer = cx.named("writer").spawn(Guard::default());
+        let token = cx.add_source(server.id(), failing_source);
+        cx.offer_source(token);
+        cx.write_later(writer.id(), failing_flush);
+        simulation.run_for(&mut app, Duration::from_millis(100));
+        let cx = app.cx();
+        assert!(![server.id(), reached.id(), writer.id()].into_iter().any(|id| cx.is_alive(id)));
+        let failures = cx.with(clerk, |clerk, _| clerk.failures.clone()).expect("it lives");
+        let told: Vec<(&str, &str)> = failures.iter().map(|(chain, text)| (&chain[..], &text[..])).collect();
+        let reading = ("server.(its sockets) reached.(access)", "in the middle of it");
+        assert_eq!(told, [("writer.(its sockets)", "while writing"), reading]);
+        assert_eq!(cx.counters().panics, 2);
     }
 }

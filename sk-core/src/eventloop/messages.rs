@@ -104,17 +104,33 @@ impl Cx {
                         self.remote_calls.push_front(RemoteCall::Calls(crossing, run));
                         break;
                     }
+                    self.let_go(crossing);
                 }
-                RemoteCall::Newest(crossing) => crossing.run_newest(self),
+                RemoteCall::Newest(crossing) => {
+                    crossing.run_newest(self);
+                    self.let_go(crossing);
+                }
                 RemoteCall::Ring(number, ring) => {
-                    if let Some(crossing) = self.crossings.get(&number) {
-                        crossing.next_ring(ring);
-                    }
+                    let crossing = self.crossings.get(&number).cloned();
+                    // A ring that nobody takes goes with its arguments, and their `Drop` is the user's.
+                    self.guarded(move |_| {
+                        if let Some(crossing) = crossing {
+                            crossing.next_ring(ring);
+                        }
+                    });
                 }
                 RemoteCall::Run(work) => self.top_level(work),
             }
         }
         give_room_back(&mut self.remote_calls, count);
+    }
+
+    /// If its receiver was buried after step 3, this was the last hold on its arguments, and their `Drop` is the
+    /// user's.
+    fn let_go(&mut self, crossing: Rc<dyn RemoteReceive>) {
+        if Rc::strong_count(&crossing) == 1 {
+            self.guarded(move |_| drop(crossing));
+        }
     }
 
     pub(crate) fn open_crossing(&mut self, number: u64, crossing: Rc<dyn RemoteReceive>) {

@@ -1,6 +1,7 @@
 //! What can be wrong with what a peer sent, and what an honest peer may be told.
 
 use super::codec::CodecError;
+use super::scram::ScramError;
 use super::state::State;
 use std::fmt;
 use thiserror::Error;
@@ -71,9 +72,12 @@ pub enum ProtocolError {
         /// The agreed limit.
         max: usize,
     },
-    /// The other side could not prove that it knows the token.
+    /// The other side could not prove that it knows the token or the account.
     #[error("the hub's proof is wrong")]
     FalseHub,
+    /// A login by password does not go on.
+    #[error(transparent)]
+    Scram(ScramError),
 }
 
 macro_rules! codes {

@@ -105,6 +105,15 @@ pub const WATCHES_PER_FLOW_MAX: usize = 256;
 /// How many changes of one flow may wait for the disk; its further commands wait meanwhile.
 pub const UNSAVED_PER_FLOW_MAX: usize = 1_024;
 
+/// How many requests of one connection may wait for the disk of blobs; its further commands wait meanwhile.
+pub const BLOB_REQUESTS_PER_CONNECTION_MAX: usize = 64;
+/// How many bytes of uploads of one connection may wait for the disk before it is read from again.
+pub const BLOB_BYTES_AHEAD_MAX: usize = 4 * 1024 * 1024;
+/// How many downloads one connection may have under way.
+pub const BLOB_READS_PER_CONNECTION_MAX: usize = 16;
+/// How much of a file is read from the disk at once.
+pub const BLOB_CHUNK_BYTES: usize = 256 * 1024;
+
 /// How many accounts a hub has.
 pub const ACCOUNTS_MAX: usize = 1_024;
 /// The longest name of an account: its logins must fit into the messages before login.

@@ -11,6 +11,7 @@
 //!
 //! `docs/flow-protocol.md` is the normative description for people who write another client.
 
+pub mod blob;
 mod call;
 pub mod channel;
 pub mod codec;
@@ -41,7 +42,7 @@ mod value;
 pub mod wire;
 
 pub use call::{Answer, Call, CallError};
-pub use codec::ChannelRef;
+pub use codec::{ChannelRef, Path};
 pub use definition::{Definition, Direction, Encoded, Field, Message, Right, Rights, States, Tagged};
 pub use error::{ClosingReason, ProtocolError, RefusalCode};
 pub use frame::{Flags, Header};
@@ -50,8 +51,8 @@ pub use kinds::{ChannelKind, Policy};
 pub use message::{Flow, FlowMessage};
 pub use satellite::{Divisor, TickReport};
 pub use service::{Request, Service};
-pub use sk_flow_sat::{FlowDatabase, SkFlowSat, Variable};
-pub use sk_flow_server::SkFlowServer;
+pub use sk_flow_sat::{BlobProgress, FlowBlob, FlowDatabase, FlowDownload, SkFlowSat, Variable};
+pub use sk_flow_server::{KeepError, SkFlowServer};
 pub use state::State;
 pub use table::{Command, Event};
 pub use transport::{AddressError, FLOW_PATH, HubAddress, PipeSeed};

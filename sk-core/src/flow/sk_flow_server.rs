@@ -1,5 +1,7 @@
 //! The hub's server as an object: listeners and links around a [`ServerCore`].
 
+mod blob_keeper;
+mod datagrams;
 mod doors;
 mod keeper;
 mod services;
@@ -15,8 +17,10 @@ use crate::net::http::HttpServer;
 use crate::object::{Access, Handle, ObjectId};
 use crate::signal::Signal;
 use crate::testing::{Bug, is_planted};
-use crate::world::{Endpoint, Readiness, Stream, Token};
+use crate::world::{Datagram, Endpoint, Readiness, Stream, Token};
 use crate::{Cx, attach};
+use blob_keeper::BlobKeeper;
+pub use keeper::KeepError;
 use keeper::Keeper;
 use rustc_hash::FxHashMap;
 use sk_flat::{Instant, Name};
@@ -49,6 +53,8 @@ const INSIDERS_LINGER: Duration = Duration::from_secs(1);
 pub struct SkFlowServer {
     core: ServerCore,
     doors: FxHashMap<Token, Door>,
+    /// Where datagrams come in.
+    datagrams: FxHashMap<Token, Box<dyn Datagram>>,
     #[cfg(feature = "http")]
     http: Option<Handle<HttpServer>>,
     links: FxHashMap<Token, Served>,
@@ -71,6 +77,8 @@ pub struct SkFlowServer {
     room: Vec<u8>,
     /// The way to the disk, if databases are kept.
     keeper: Option<Keeper>,
+    /// The way to the files of blob channels, if the hub has any.
+    blob_keeper: Option<BlobKeeper>,
     /// A satellite logged in; carries its account.
     pub logged_in: Signal<String>,
     /// A channel was opened; carries its full name.
@@ -152,6 +160,7 @@ impl SkFlowServer {
             SkFlowServer {
                 core: ServerCore::new(settings, cx.now()),
                 doors: FxHashMap::default(),
+                datagrams: FxHashMap::default(),
                 #[cfg(feature = "http")]
                 http: None,
                 links: FxHashMap::default(),
@@ -167,6 +176,7 @@ impl SkFlowServer {
                 work_token: cx.add_source(this.id(), work),
                 room: vec![0; TURN_BYTES_MAX],
                 keeper: None,
+                blob_keeper: None,
                 logged_in: Signal::new(),
                 channel_added: Signal::new(),
                 channel_removed: Signal::new(),
@@ -183,12 +193,14 @@ impl SkFlowServer {
     fn on_check(&mut self, cx: &mut Cx) {
         self.core.tick(cx.now());
         self.take_stored(cx);
+        self.take_filed(cx);
     }
 
     fn on_destroy(&mut self, cx: &mut Cx) {
         self.core.shut_down(cx.now());
         self.flush(cx);
         self.store_the_rest(cx);
+        self.file_the_rest(cx);
         for (_, served) in self.links.drain() {
             if let Some(link) = served.link {
                 link.close(cx);
@@ -316,6 +328,7 @@ impl SkFlowServer {
             served.held
         });
         self.store_requests(cx);
+        self.file_requests(cx);
         self.end_in_turn(cx);
         self.watch_request_deadlines(cx);
         if self.core.has_work() {
@@ -421,7 +434,9 @@ impl SkFlowServer {
         match self.ending {
             None | Some(Ending::Ended) => {}
             Some(Ending::Insiders { until }) => {
-                let said = self.core.insiders() == 0 && self.core.unanswered_store_requests() == 0;
+                let said = self.core.insiders() == 0
+                    && self.core.unanswered_store_requests() == 0
+                    && self.core.unanswered_blob_requests() == 0;
                 if said || now >= until {
                     self.ending = Some(Ending::Flush);
                 }
@@ -441,6 +456,7 @@ impl SkFlowServer {
         for (token, _) in self.doors.drain() {
             cx.remove_source(token);
         }
+        self.stop_datagrams(cx);
         #[cfg(feature = "http")]
         if let Some(http) = self.http {
             // It is this object's child, and gone only if somebody destroyed it.

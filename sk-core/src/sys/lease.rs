@@ -46,7 +46,8 @@ pub(crate) enum Denied {
     Flagged,
 }
 
-/// The cell. Neither `Send` nor `Sync`, as its flags are a `Cell`.
+/// The cell. Not `Sync`, as its flags are a `Cell`: whoever asks for a lease is on the one thread that has the cell.
+/// A lease borrows the cell, so that none exists while the cell moves to another thread.
 pub(crate) struct Leased<I, T> {
     head: Head<I>,
     /// Initialised unless `EMPTY`; touched only by who has set `LEASED`, or by `Drop`.

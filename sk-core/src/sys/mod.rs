@@ -4,6 +4,7 @@
 //! the blocks that remain stand in [`random`] and [`sched`]. Beside them stand the two shapes of memory that safe
 //! Rust cannot say and every slot call goes through: [`lease`] and [`role`].
 
+pub(crate) mod beneath;
 pub(crate) mod heap;
 pub(crate) mod latency;
 pub(crate) mod lease;

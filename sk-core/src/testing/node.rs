@@ -84,11 +84,12 @@ impl Node {
         machine.restarted()
     }
 
-    /// Quits, as a program that was asked to end. Answers the machine, for the next process.
+    /// Quits, as a program that was asked to end: what it gave to its worker is done before. Answers the machine, for the next process.
     pub fn quit(self) -> SimulatedWorld {
         let Node { scheduler, machine, cx } = self;
         scheduler.remove(&cx);
         cx.borrow_mut().end();
+        machine.finish();
         machine.restarted()
     }
 }

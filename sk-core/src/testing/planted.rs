@@ -34,11 +34,19 @@ pub enum Bug {
     OwnerGoneUntold,
     /// A request stays open after its last answer.
     AnswerKeepsRequest,
+    /// What is to be kept is acknowledged while the disk still has it to do.
+    AckBeforeSync,
+    /// Some changes of a variable are not told to those who watch it.
+    WatchForgotten,
+    /// A damaged store is thrown away, and nobody is told.
+    DamageUntold,
+    /// What the owner of a reliable channel publishes is dropped though there was credit for it.
+    CreditBroken,
 }
 
 impl Bug {
     /// All of them, with their names for command lines.
-    pub const ALL: [(Bug, &'static str); 14] = [
+    pub const ALL: [(Bug, &'static str); 18] = [
         (Bug::AbortUnbooked, "abort-unbooked"),
         (Bug::StaleEpoch, "stale-epoch"),
         (Bug::SubscriptionKept, "subscription-kept"),
@@ -53,6 +61,10 @@ impl Bug {
         (Bug::PanicAtRefusal, "panic-at-refusal"),
         (Bug::OwnerGoneUntold, "owner-gone-untold"),
         (Bug::AnswerKeepsRequest, "answer-keeps-request"),
+        (Bug::AckBeforeSync, "ack-before-sync"),
+        (Bug::WatchForgotten, "watch-forgotten"),
+        (Bug::DamageUntold, "damage-untold"),
+        (Bug::CreditBroken, "credit-broken"),
     ];
 }
 

@@ -306,3 +306,39 @@ impl Drop for Inbox {
         self.clear();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Counts what would be system calls.
+    #[derive(Debug, Default)]
+    struct Bell(AtomicUsize);
+    impl Wake for Bell {
+        fn wake(&self) {
+            self.0.fetch_add(1, Ordering::SeqCst);
+        }
+    }
+
+    #[test]
+    fn only_the_first_message_to_a_loop_that_sleeps_wakes_it() {
+        let bell = Arc::new(Bell::default());
+        let (mailbox, inbox) = Mailbox::open(bell.clone(), 10);
+        let post = || mailbox.post(Message::Settle(Box::new(|_| ())));
+        let rung = || bell.0.load(Ordering::SeqCst);
+        // As to a loop that spins before its deadline.
+        post().unwrap();
+        post().unwrap();
+        assert_eq!(rung(), 0);
+        assert!(!inbox.fall_asleep(), "messages are there");
+        assert!(inbox.take().is_some() && inbox.take().is_some() && inbox.take().is_none());
+        inbox.count_off(2);
+        assert!(inbox.fall_asleep());
+        post().unwrap();
+        post().unwrap();
+        assert_eq!(rung(), 1);
+        inbox.wake_up();
+        post().unwrap();
+        assert_eq!(rung(), 1);
+    }
+}

@@ -20,7 +20,7 @@ pub use net::{
 };
 pub use rng::{RealRng, Rng, SimulatedRng};
 pub use simulated::SimulatedWorld;
-pub use storage::{DiskFaults, RealStorage, SimulatedStorage, Storage, StoredFile};
+pub use storage::{DiskFaults, Found, RealStorage, SimulatedStorage, Storage, StoredFile, StoredFolder};
 pub use worker::{JOBS_WAITING_MAX, Job, RealWorker, SimulatedWorker, Worker};
 
 use std::io;

@@ -143,6 +143,12 @@ impl SimulatedWorld {
         }
     }
 
+    /// The only process of this machine ends as it should: its work is done to the end, and then its files are closed.
+    pub(crate) fn finish(&self) {
+        self.worker.finish();
+        self.storage.end_process();
+    }
+
     /// Another loop's share. Its randomness is the stream of its number, in order of creation.
     pub fn world(&self) -> World {
         let net = SimulatedNet::new(self.network.clone(), self.machine);

@@ -11,6 +11,7 @@ mod socket;
 mod supply;
 #[cfg(feature = "tls")]
 mod trust_rules;
+mod udp_rules;
 mod wire;
 
 /// Makes one test of each rule for one transport.
@@ -95,4 +96,30 @@ conforms! { secure_websocket: crate::network::Kind::SecureWebSocket;
     a_peer_that_does_not_read_costs_a_bounded_amount,
     a_satellite_that_lost_its_hub_restores_channels_and_subscriptions,
     a_silent_peer_is_closed_and_the_others_stay,
+}
+
+/// Publishing by UDP beside the connection that it was opened over.
+mod udp {
+    use crate::network::Kind;
+    use crate::udp_rules as rules;
+
+    #[test]
+    fn messages_small_and_large_arrive_intact() {
+        [Kind::Tcp, Kind::Unix, Kind::Pipe]
+            .into_iter()
+            .for_each(rules::messages_small_and_large_arrive_intact);
+    }
+
+    #[test]
+    fn a_satellite_that_lost_its_hub_publishes_by_datagram_again() {
+        let kinds = [Kind::Tcp, Kind::Unix];
+        kinds
+            .into_iter()
+            .for_each(rules::a_satellite_that_lost_its_hub_publishes_by_datagram_again);
+    }
+
+    #[test]
+    fn t15_strangers_get_no_byte() {
+        rules::strangers_get_no_byte(Kind::Tcp);
+    }
 }

@@ -13,7 +13,7 @@ mod values;
 pub use problem::{ConfigError, Problem, hint};
 pub use read::FILE_BYTES_MAX;
 pub use schema::schema;
-pub use values::{LoopMode, TcpAddress};
+pub use values::{ListenAddress, LoopMode, TcpAddress};
 
 use sk_core::module::{ModuleClass, Parameters, RestartPolicy, ThreadPlace};
 use sk_core::parameters;
@@ -39,6 +39,12 @@ parameters! {
         tcp: Vec<TcpAddress> = vec![TcpAddress(crate::hub::TCP_DEFAULT)];
         /// The Unix socket hub.sock in the state folder, for programs of the same user.
         unix: bool = true;
+        /// Further addresses of any kind: tcp:HOST:PORT, ws:HOST:PORT/flow, tls:HOST:PORT, wss:HOST:PORT/flow, tty:DEVICE?baud=115200, unix:PATH.
+        addresses: Vec<ListenAddress> = Vec::new();
+        /// The PEM file of the certificate that is shown at tls: and wss: addresses, followed by those that lead to the authority.
+        tls_certificate: Option<String> = None;
+        /// The PEM file of the certificate's key.
+        tls_key: Option<String> = None;
     }
 }
 

@@ -1,5 +1,6 @@
 //! Kinds of values that only a configuration has.
 
+use sk_core::flow::HubAddress;
 use sk_core::module::ParameterType;
 use sk_core::prelude::*;
 use sk_flat::{FromVariant, IntoVariant, VariantError};
@@ -84,6 +85,32 @@ impl FromVariant for TcpAddress {
 impl ParameterType for TcpAddress {
     fn schema() -> SkVariant {
         let pattern = r"^(\[[0-9a-fA-F:.%]+\]|[0-9.]+):[0-9]{1,5}$";
+        SkVariant::map([("type", "string".into()), ("pattern", pattern.into())])
+    }
+}
+
+/// Where to listen, in any way that a hub is reached.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ListenAddress(pub HubAddress);
+
+impl IntoVariant for ListenAddress {
+    fn into_variant(self) -> SkVariant {
+        self.0.to_string().into()
+    }
+}
+
+impl FromVariant for ListenAddress {
+    fn from_variant(value: &SkVariant) -> Result<ListenAddress, VariantError> {
+        let address = text(value)?.parse::<HubAddress>();
+        address
+            .map(ListenAddress)
+            .map_err(|error| VariantError::Custom(error.to_string().into()))
+    }
+}
+
+impl ParameterType for ListenAddress {
+    fn schema() -> SkVariant {
+        let pattern = r"^(tcp|tls|unix|ws|wss|tty):.+$";
         SkVariant::map([("type", "string".into()), ("pattern", pattern.into())])
     }
 }

@@ -136,11 +136,116 @@ impl Drop for Hub {
 }
 
 pub fn sk(folder: &Path, arguments: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_sk"));
-    command.arg("--state-dir").arg(folder).args(arguments);
-    command.env_remove("SKROBOT_HUB").output().unwrap()
+    sk_command(folder, arguments).output().unwrap()
 }
 
 pub fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).unwrap()
+}
+
+impl Hub {
+    /// As [`sk`](Hub::sk), with this on its standard input.
+    pub fn sk_with_input(&self, arguments: &[&str], input: &str) -> Output {
+        let mut process = sk_command(&self.folder, arguments)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        std::io::Write::write_all(&mut process.stdin.take().unwrap(), input.as_bytes()).unwrap();
+        process.wait_with_output().unwrap()
+    }
+}
+
+fn sk_command(folder: &Path, arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_sk"));
+    command.arg("--state-dir").arg(folder).args(arguments);
+    command.env_remove("SKROBOT_HUB");
+    command
+}
+
+/// A tool that goes on by itself, ended with its test.
+pub struct Running {
+    process: Child,
+    out: Option<BufReader<std::process::ChildStdout>>,
+}
+
+impl Running {
+    pub fn start(hub: &Hub, arguments: &[&str]) -> Running {
+        let mut process = sk_command(&hub.folder, arguments)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let out = process.stdout.take().map(BufReader::new);
+        Running { process, out }
+    }
+
+    pub fn pid(&self) -> nix::unistd::Pid {
+        nix::unistd::Pid::from_raw(self.process.id() as i32)
+    }
+
+    /// The next line that it prints.
+    pub fn line(&mut self) -> String {
+        let mut line = String::new();
+        let read = self.out.as_mut().expect("its output is open").read_line(&mut line).unwrap();
+        if read == 0 {
+            let mut said = String::new();
+            self.process.stderr.take().unwrap().read_to_string(&mut said).unwrap();
+            panic!("it ended: {said}");
+        }
+        line.trim_end().to_owned()
+    }
+
+    pub fn close_output(&mut self) {
+        self.out = None;
+    }
+
+    /// All that it prints until it ends by itself, which must be a good end.
+    pub fn all(mut self) -> String {
+        let mut all = String::new();
+        self.out.take().unwrap().read_to_string(&mut all).unwrap();
+        assert_eq!(self.end(), (Some(0), String::new()));
+        all
+    }
+
+    /// Its exit code when it has ended by itself, and what it complained of.
+    pub fn end(mut self) -> (Option<i32>, String) {
+        let mut said = String::new();
+        self.process.stderr.take().unwrap().read_to_string(&mut said).unwrap();
+        (self.process.wait().unwrap().code(), said)
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // It may have ended.
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+/// What it printed, after a good end without complaints.
+pub fn success(output: &Output) -> String {
+    assert_eq!((output.status.code(), text(&output.stderr)), (Some(0), String::new()));
+    text(&output.stdout)
+}
+
+/// What it complained of, after an end with this code.
+pub fn failure(output: &Output, code: i32) -> String {
+    assert_eq!(output.status.code(), Some(code), "{}{}", text(&output.stdout), text(&output.stderr));
+    text(&output.stderr)
+}
+
+pub fn lines(output: &Output) -> Vec<String> {
+    success(output).lines().map(str::to_owned).collect()
+}
+
+/// One JSON object a line.
+pub fn objects(output: &Output) -> Vec<serde_json::Value> {
+    success(output)
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect()
 }

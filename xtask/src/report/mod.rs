@@ -56,6 +56,8 @@ struct Part {
 /// What it came to.
 struct Outcome {
     command: String,
+    /// What else kept the machine busy: its load average before.
+    load_before: String,
     table: String,
     figures: Vec<Figure>,
 }
@@ -141,6 +143,7 @@ fn profiles() -> Result<Vec<String>, Failure> {
 }
 
 fn measure(part: &Part, options: &Options) -> Result<Outcome, Failure> {
+    let load_before = load_average();
     let mut command = process::cargo();
     command.args(["bench", "--quiet", "--package", "sk-benches", "--bench", part.bench, "--"]);
     command.args(&part.arguments).args(["--runs", &options.runs().to_string()]);
@@ -153,7 +156,13 @@ fn measure(part: &Part, options: &Options) -> Result<Outcome, Failure> {
     let table = table_in(&said, part.bench);
     print!("{table}");
     let figures = figures.lines().filter_map(Figure::read).collect();
-    Ok(Outcome { command: spelled, table, figures })
+    Ok(Outcome { command: spelled, load_before, table, figures })
+}
+
+/// Over one, five and fifteen minutes.
+fn load_average() -> String {
+    let said = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
+    said.split(' ').take(3).collect::<Vec<_>>().join(" ")
 }
 
 /// The table begins with the name of the bench; before it stand progress and what peers complained of.
@@ -181,10 +190,7 @@ fn machine() -> Vec<(&'static str, String)> {
         ("processor", format!("{}, {cpus} CPUs", model.unwrap_or("unknown"))),
         ("virtual machine", if virtual_machine { "yes" } else { "no" }.to_owned()),
         ("kernel", said("uname", &["-sr"])),
-        (
-            "load average at the end",
-            file("/proc/loadavg").split(' ').take(3).collect::<Vec<_>>().join(" "),
-        ),
+        ("load average at the end", load_average()),
         ("Rust", said("rustc", &["--version"])),
         ("C++", said("g++", &["--version"])),
         ("Qt", said("pkg-config", &["--modversion", "Qt6Core"])),
@@ -224,6 +230,9 @@ fn page(machine: &[(&'static str, String)], outcomes: &[(Part, Outcome)], profil
     }
     for (part, outcome) in outcomes {
         let _ = write!(page, "\n## {}\n\n    {}\n", part.title, outcome.command);
+        if !outcome.load_before.is_empty() {
+            let _ = write!(page, "\nLoad average as it began: {}.\n", outcome.load_before);
+        }
         if let Some(cycles) = part.cycles {
             let _ = write!(page, "\nCycles of each side, all runs together: {cycles}.\n");
         }
@@ -258,6 +267,7 @@ mod tests {
         let line = r#"{"bench":"signal_slot","case":"direct/none","metric":"ns_per_call","value":0.5,"unit":"ns","peer":null}"#;
         let outcome = Outcome {
             command: "cargo bench".into(),
+            load_before: "3.00 2.00 1.00".into(),
             table: "signal_slot\n  case\n".into(),
             figures: Figure::read(line).into_iter().collect(),
         };
@@ -268,6 +278,7 @@ mod tests {
         let page = page(&machine, &[(part, outcome)], &["profiles-a.md".to_owned()]);
         assert!(page.contains("[profiles-a.md](performance/profiles-a.md)."), "{page}");
         assert!(page.contains("all runs together: 100000."), "{page}");
+        assert!(page.contains("\nLoad average as it began: 3.00 2.00 1.00.\n"), "{page}");
         assert!(page.contains("| kernel | Linux |") && !page.contains("| Qt |"), "{page}");
         assert!(
             page.contains("| `direct/none` | `ns_per_call` | itself | 1 | 0.500 | reached |"),

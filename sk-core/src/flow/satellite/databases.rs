@@ -1,7 +1,8 @@
 //! A satellite's commands to databases, and lists that come in many lines.
 
+use super::super::blob::BlobEntry;
 use super::super::{Command, Event, Message, Value};
-use super::{SatelliteCore, SatelliteError, SatelliteEvent};
+use super::{AccountInfo, SatelliteCore, SatelliteError, SatelliteEvent};
 
 /// One database of a list.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -19,9 +20,11 @@ pub struct DatabaseInfo {
 /// A list of something else than channels, while it comes in.
 #[derive(Debug)]
 pub(super) enum List {
+    Accounts(Vec<AccountInfo>),
     Databases(Vec<DatabaseInfo>),
     Keys(Vec<String>),
     Variables(Vec<(String, Value)>),
+    Blobs(Vec<BlobEntry>),
 }
 
 /// The lines of the table that are about databases.
@@ -79,6 +82,9 @@ impl SatelliteCore {
                 Some(List::Databases(list)),
                 Event::DatabaseListed { database: name, durable, variables, bytes },
             ) => list.push(DatabaseInfo { name, durable: durable != 0, variables, bytes }),
+            (Some(List::Accounts(list)), Event::UserListed { user: name, connections }) => {
+                list.push(AccountInfo { name, connections });
+            }
             (Some(List::Keys(list)), Event::KeyListed { key }) => list.push(key),
             (Some(List::Variables(list)), Event::Variable { key, value }) => list.push((key, value)),
             // A line of a list that nobody asked for.
@@ -90,8 +96,10 @@ impl SatelliteCore {
     pub(super) fn end_list(&mut self, tag: u32) -> bool {
         let Some(list) = self.lists.remove(&tag) else { return false };
         self.events.push_back(match list {
+            List::Accounts(accounts) => SatelliteEvent::Accounts { tag, accounts },
             List::Databases(databases) => SatelliteEvent::Databases { tag, databases },
             List::Keys(keys) => SatelliteEvent::Keys { tag, keys },
+            List::Blobs(entries) => SatelliteEvent::BlobEntries { tag, entries },
             List::Variables(variables) => SatelliteEvent::Variables { tag, variables },
         });
         true

@@ -1,8 +1,9 @@
 //! What a satellite learns from its hub.
 
+use super::super::blob::BlobEntry;
 use super::super::delivery::DropReason;
 use super::super::{ChannelKind, ChannelRef, Properties, Value};
-use super::DatabaseInfo;
+use super::{AccountInfo, DatabaseInfo};
 use bytes::Bytes;
 use std::time::Duration;
 use thiserror::Error;
@@ -78,12 +79,26 @@ pub enum SatelliteEvent {
         /// The answer.
         value: Value,
     },
+    /// There is a session for datagrams now, and a former one is over.
+    UdpOpened {
+        /// Of the command.
+        tag: u32,
+        /// The hub's UDP port.
+        port: u16,
+    },
     /// The current database is another one, or none.
     DatabaseSelected {
         /// Of the `db_select`; 0 if it was removed.
         tag: u32,
         /// Its name.
         database: Option<String>,
+    },
+    /// The answer to `user_list`.
+    Accounts {
+        /// Of the command.
+        tag: u32,
+        /// The accounts, by name.
+        accounts: Vec<AccountInfo>,
     },
     /// The answer to `db_list`.
     Databases {
@@ -222,6 +237,38 @@ pub enum SatelliteEvent {
         more: bool,
         /// The answer.
         payload: Bytes,
+    },
+    /// An upload may go on.
+    BlobResume {
+        /// Of the `blob_begin`.
+        tag: u32,
+        /// From here.
+        offset: u64,
+    },
+    /// The answer to `blob_list`.
+    BlobEntries {
+        /// Of the command.
+        tag: u32,
+        /// What stands in the folder, by name.
+        entries: Vec<BlobEntry>,
+    },
+    /// The answer to `blob_stat`.
+    BlobLooked {
+        /// Of the command.
+        tag: u32,
+        /// Kind and length; the name is empty.
+        entry: BlobEntry,
+        /// CRC-32 of a file.
+        checksum: u32,
+    },
+    /// Bytes of a download, in their order. What ends it before its last is `Refused` with its tag.
+    BlobData {
+        /// Of the `blob_read`.
+        tag: u32,
+        /// The bytes.
+        payload: Bytes,
+        /// Nothing more comes.
+        last: bool,
     },
     /// A tick of a sync channel that is followed.
     Tick {

@@ -35,6 +35,7 @@ impl SatelliteCore {
                 self.log_in();
             }
             Event::LoggedIn { connection, user, proof } => self.logged_in(connection, user, &proof)?,
+            Event::ScramChallenge { message } => self.on_challenge(&message)?,
             Event::Ping {} => {
                 self.outbox.command(&Command::Pong {}, tag);
             }
@@ -111,25 +112,24 @@ impl SatelliteCore {
                 self.latest(tag, flags, channel, message, payload)?
             }
             Event::Credit { channel, bytes } => self.credited(channel, bytes),
+            Event::UdpOpened { session, key, port } => self.udp_opened(tag, session, key, port),
             Event::Refused { code, text } => {
                 self.creating.remove(&tag);
                 self.on_call_over(tag);
                 self.lists.remove(&tag);
+                self.on_blob_refused(tag);
                 if tag != 0 && tag == self.becoming {
                     // This connection can become nothing any more.
                     self.closing = true;
                 }
                 self.events.push_back(SatelliteEvent::Refused { tag, code, text });
             }
-            // Answers to what this satellite does not ask.
-            Event::ScramChallenge { .. }
-            | Event::UdpOpened { .. }
-            | Event::BlobResume { .. }
+            event @ (Event::BlobResume { .. }
             | Event::BlobListed { .. }
             | Event::BlobEntry { .. }
-            | Event::BlobData { .. }
-            | Event::UserListed { .. } => {}
-            event @ (Event::DatabaseSelected { .. }
+            | Event::BlobData { .. }) => self.on_blob_event(tag, flags, event),
+            event @ (Event::UserListed { .. }
+            | Event::DatabaseSelected { .. }
             | Event::DatabaseListed { .. }
             | Event::KeyListed { .. }
             | Event::Variable { .. }
@@ -177,15 +177,22 @@ impl SatelliteCore {
             Credentials::Token(token) => {
                 Command::LoginToken { proof: token.client_proof(&self.nonce, &self.hub_nonce) }
             }
+            Credentials::Password(login) => {
+                let user = login.user().clone();
+                self.begin_scram(&user)
+            }
             Credentials::Peer => Command::LoginPeer {},
         };
         self.send(&command);
     }
 
     fn logged_in(&mut self, connection: u64, user: String, proof: &[u8; 32]) -> Result<(), ProtocolError> {
-        if let Credentials::Token(token) = &self.credentials
-            && !token.hub_is_true(&self.nonce, &self.hub_nonce, proof)
-        {
+        let true_hub = match &self.credentials {
+            Credentials::Token(token) => token.hub_is_true(&self.nonce, &self.hub_nonce, proof),
+            Credentials::Password(_) => self.scram.take().is_some_and(|exchange| exchange.hub_is_true(proof)),
+            Credentials::Peer => true,
+        };
+        if !true_hub {
             return Err(ProtocolError::FalseHub);
         }
         let bad = |_| ProtocolError::BadValue { kind: "logged_in", field: "user", value: user.len() as u64 };

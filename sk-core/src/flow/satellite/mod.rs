@@ -5,6 +5,8 @@
 //! references here: a subscription by name waits until the channel exists, and comes into force again when
 //! a channel of that name is opened anew.
 
+mod accounts;
+mod blobs;
 mod channels;
 mod databases;
 mod event;
@@ -14,7 +16,9 @@ mod services;
 mod sync;
 #[cfg(test)]
 mod tests;
+mod udp;
 
+pub use accounts::{AccountInfo, PasswordLogin};
 pub use databases::DatabaseInfo;
 pub use event::{ChannelInfo, SatelliteError, SatelliteEvent, TickReport};
 pub use sync::Divisor;
@@ -27,6 +31,7 @@ use super::limits::{
     LOGIN_TIME_MAX, PING_AFTER, SILENCE_MAX, SUBSCRIPTION_DEPTH_MAX, VERSION, VERSION_OLDEST,
 };
 use super::login::{Nonce, OwnerToken};
+use super::scram::{ClientExchange, Derivation};
 use super::server::Session;
 use super::wire::Slices;
 use super::{ChannelRef, Command, Event, Form, Inbound, Policy, Properties, State};
@@ -42,6 +47,8 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 pub enum Credentials {
     /// By the owner's token; the hub must prove that it knows it too.
     Token(OwnerToken),
+    /// By an account's name and password; the hub must prove that it knows the account.
+    Password(PasswordLogin),
     /// By the user id of this process, over a Unix socket or from inside the hub.
     Peer,
 }
@@ -102,6 +109,11 @@ pub struct SatelliteCore {
     /// Answers to polls, by tag.
     polled: Gathering<u32>,
     listed: Vec<ChannelInfo>,
+    /// A login by password that is under way, and what is to be derived for it.
+    scram: Option<ClientExchange>,
+    derivation: Option<Derivation>,
+    /// The tags of downloads under way.
+    downloads: BTreeSet<u32>,
     /// Lists of other things under way, by the tags of their commands.
     lists: BTreeMap<u32, databases::List>,
     /// The full name of the flow, once it is one.
@@ -109,6 +121,7 @@ pub struct SatelliteCore {
     events: VecDeque<SatelliteEvent>,
     next_tag: u32,
     lost: u64,
+    udp: udp::Udp,
     closing: bool,
     opened: Instant,
     heard: Instant,
@@ -172,11 +185,15 @@ impl SatelliteCore {
             calls: BTreeSet::new(),
             requests: BTreeSet::new(),
             listed: Vec::new(),
+            scram: None,
+            derivation: None,
+            downloads: BTreeSet::new(),
             lists: BTreeMap::new(),
             flow_full_name: None,
             events: VecDeque::new(),
             next_tag: 0,
             lost: 0,
+            udp: udp::Udp::default(),
             closing: false,
             opened: now,
             heard: now,
@@ -295,6 +312,11 @@ impl SatelliteCore {
     /// were unfinished at once.
     pub fn lost(&self) -> u64 {
         self.lost
+    }
+
+    /// Whether a channel of this full name was asked for, and the hub has not answered.
+    pub fn is_creating(&self, full_name: &str) -> bool {
+        self.creating.values().any(|name| name == full_name)
     }
 
     /// Asks for a streaming channel; `Created` or `Refused` with the tag answers.

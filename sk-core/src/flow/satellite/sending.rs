@@ -4,7 +4,7 @@ use super::super::delivery::charge_of;
 use super::super::fragment::cut;
 use super::super::limits::{CONNECTION_BYTES_MAX, CONTROL_BYTES_MAX, FRAGMENT_BYTES_MAX, WIRE_BYTES_AHEAD};
 use super::super::wire::Wire;
-use super::super::{ChannelRef, Command, Encoded, Flags, Message as _};
+use super::super::{ChannelRef, Command, Encoded, Flags, Message as _, Path};
 use bytes::Bytes;
 use rustc_hash::FxHashMap;
 use std::collections::VecDeque;
@@ -21,32 +21,39 @@ pub(super) enum Stream {
     Call(u32),
     /// The answers to a request.
     Answer(u64),
+    /// The piece of an upload with this tag.
+    Upload(u32),
 }
 
 /// What a message is, without its bytes.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) enum Kind {
     Publish { channel: ChannelRef, message: u32 },
     Call { tag: u32, channel: ChannelRef, deadline_ms: u32 },
     Answer { request: u64, more: bool },
+    Upload { tag: u32, channel: ChannelRef, path: Path, offset: u64 },
 }
 
 impl Kind {
-    fn stream(self) -> Stream {
-        match self {
+    fn stream(&self) -> Stream {
+        match *self {
             Kind::Publish { channel, .. } => Stream::Channel(channel),
             Kind::Call { tag, .. } => Stream::Call(tag),
             Kind::Answer { request, .. } => Stream::Answer(request),
+            Kind::Upload { tag, .. } => Stream::Upload(tag),
         }
     }
 
-    fn frame(self, flags: Flags, payload: Bytes) -> Encoded {
-        match self {
+    fn frame(&self, flags: Flags, payload: Bytes) -> Encoded {
+        match *self {
             Kind::Publish { channel, message } => {
                 Command::Publish { channel, message, payload }.encode(0, flags)
             }
             Kind::Call { tag, channel, deadline_ms } => {
                 Command::Call { channel, deadline_ms, payload }.encode(tag, flags)
+            }
+            Kind::Upload { tag, channel, ref path, offset } => {
+                Command::BlobWrite { channel, path: path.clone(), offset, payload }.encode(tag, flags)
             }
             Kind::Answer { request, more } => {
                 Command::Answer { request, more: u8::from(more), payload }.encode(0, flags)

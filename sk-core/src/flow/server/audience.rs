@@ -4,6 +4,7 @@ use super::super::delivery::{Outgoing, charge_of};
 use super::super::limits::CREDIT_BYTES;
 use super::super::{ChannelRef, Flags, Properties};
 use super::ConnectionId;
+use crate::testing::{Bug, is_planted};
 use sk_flat::Instant;
 
 /// One subscriber of a channel: the connection and the place of its book there.
@@ -87,7 +88,8 @@ impl Credit {
         let begins = flags.has(Flags::FIRST);
         let ends = flags.has(Flags::LAST) || flags == Flags::ABORT;
         if begins {
-            self.refusing = !self.is_left();
+            let broken = is_planted(Bug::CreditBroken) && self.used % 7 == 3;
+            self.refusing = broken || !self.is_left();
         }
         if self.refusing {
             self.refusing = !ends;

@@ -118,8 +118,10 @@ impl ServerCore {
         self.cut_ties(channel);
         let Some((known, subscribers)) = self.channels.remove(channel) else { return };
         self.clocks.remove(&channel);
-        if known.kind == ChannelKind::Service {
-            self.end_requests_to(channel, known.owner);
+        match known.kind {
+            ChannelKind::Service => self.end_requests_to(channel, known.owner),
+            ChannelKind::Blob => self.end_blob(&known.name),
+            ChannelKind::Stream | ChannelKind::Sync => {}
         }
         for subscriber in subscribers.list {
             if let Some(connection) = self.connections.get_mut(subscriber.connection)
@@ -133,6 +135,9 @@ impl ServerCore {
         {
             connection.owned.retain(|owned| *owned != channel);
             connection.gathering.forget(Incoming::Publish(channel));
+            if let Some(udp) = &mut connection.udp {
+                udp.forget(channel);
+            }
         }
         self.entity_ended(DatabaseKind::Channel, &known.name, Entity::Channel(channel));
         let event = Event::ChannelRemoved { channel };

@@ -8,11 +8,13 @@ use super::super::login::Nonce;
 use super::super::outgoing::Begun;
 use super::super::scram::ServerExchange;
 use super::super::{ChannelRef, Command, Form, State};
+use super::blobs::BlobDesk;
 use super::databases::Desk;
 use super::output::Output;
 use super::permission::Permission;
 use super::requests::RequestId;
 use super::telling::Telling;
+use super::udp::UdpSession;
 use sk_flat::{Instant, Name};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::fmt;
@@ -102,6 +104,8 @@ pub(super) enum Incoming {
     Call(u32),
     /// The answer to this request.
     Answer(u64),
+    /// The piece of an upload with this tag.
+    Upload(u32),
 }
 
 /// How far a call has come.
@@ -135,6 +139,8 @@ pub(super) struct Connection {
     /// The form of values in the events of the flow.
     pub(super) form: Form,
     pub(super) gathering: Gathering<Incoming>,
+    /// Its session for datagrams, if it has one.
+    pub(super) udp: Option<Box<UdpSession>>,
     /// The calls of this connection, by tag: those that it is sending and those that are open.
     pub(super) calls: BTreeMap<u32, Call>,
     /// The open requests to services of this connection's.
@@ -142,6 +148,7 @@ pub(super) struct Connection {
     pub(super) owned: Vec<ChannelRef>,
     pub(super) replay: Option<Replay>,
     pub(super) desk: Desk,
+    pub(super) blobs: BlobDesk,
     /// Channels that it registered to poll.
     pub(super) polls: Vec<ChannelRef>,
     /// The answer to `poll` while it is being given, with its tag.
@@ -188,11 +195,13 @@ impl Connection {
             resumed: false,
             form: Form::Binary,
             gathering: Gathering::default(),
+            udp: None,
             calls: BTreeMap::new(),
             serving: BTreeSet::new(),
             owned: Vec::new(),
             replay: None,
             desk: Desk::default(),
+            blobs: BlobDesk::default(),
             polls: Vec::new(),
             latest: None,
             queued: false,
@@ -235,18 +244,22 @@ impl Connection {
             || self.login_refused_at.is_some()
             || self.output.answers_pile_up()
             || self.desk.is_held()
+            || self.blobs.is_held()
     }
 
     /// Whether something is to be sent.
     pub(super) fn has_output(&self) -> bool {
-        !self.output.is_empty() || self.replay.is_some() || self.latest.is_some() || self.desk.has_news()
+        let tells = self.replay.as_ref().is_some_and(|replay| !replay.what.waits());
+        !self.output.is_empty() || tells || self.latest.is_some() || self.desk.has_news()
     }
 
     /// Whether later commands wait for the answer to a call. It is read from all the same, so that its end is
     /// seen; a client that waits for an answer sends little.
     pub(super) fn awaits_answer(&self) -> bool {
         self.inbound.state() == State::Synchronous
-            && (self.output.has_talks() || self.calls.values().any(|call| matches!(call, Call::Open(_))))
+            && (self.output.has_talks()
+                || self.blobs.is_waiting()
+                || self.calls.values().any(|call| matches!(call, Call::Open(_))))
     }
 
     /// Whether input waits that has not been looked at.

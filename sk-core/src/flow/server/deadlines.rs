@@ -97,7 +97,7 @@ impl ServerCore {
             // Who is not read from shows life by reading.
             connection.heard = connection.heard.max(connection.taken);
         }
-        if connection.desk.is_held() {
+        if connection.desk.is_held() || connection.blobs.awaits_disk() {
             // It is the disk that is slow, not the peer.
             connection.heard = now;
         }

@@ -7,7 +7,7 @@ use super::super::report::{
     ChannelReport, CountsReport, CreditReport, FlowReport, FlowsReport, GraphChannel, GraphReport, HubReport,
     SubscriberReport,
 };
-use super::super::{ChannelRef, Event, Form, Value};
+use super::super::{ChannelRef, Event, Form, Right, Value};
 use super::audience::{Subscriber, Subscribers};
 use super::{ConnectionId, ServerCore};
 use sk_flat::{IntoVariant, Name, SkVariant};
@@ -17,6 +17,9 @@ const ENTRIES_MAX: usize = 1000;
 
 impl ServerCore {
     pub(super) fn inspect(&mut self, id: ConnectionId, tag: u32, subject: &str, form: Form) {
+        if !self.may_inspect(id, subject) {
+            return self.refuse(id, tag, RefusalCode::Denied);
+        }
         let told = self
             .report(subject)
             .and_then(|report| Value::new(&report).map_err(|_| RefusalCode::TooLong));
@@ -25,6 +28,18 @@ impl ServerCore {
             Ok(value) if value.wire_bytes().is_ok() => self.answer(id, tag, &Event::Value { value }),
             Ok(_) => self.refuse(id, tag, RefusalCode::TooLong),
             Err(code) => self.refuse(id, tag, code),
+        }
+    }
+
+    /// What is about names is for those who may list them; what is about everybody, for those who may list all.
+    fn may_inspect(&self, id: ConnectionId, subject: &str) -> bool {
+        let Some(connection) = self.connections.get(id) else { return false };
+        let rights = &connection.rights;
+        let mut words = subject.split_whitespace();
+        match words.next() {
+            Some("channel" | "why") => words.all(|name| rights.allows(Right::List, name)),
+            Some("flows" | "graph") => rights.allows_everywhere(Right::List),
+            _ => rights.has(Right::List),
         }
     }
 

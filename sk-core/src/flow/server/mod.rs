@@ -16,6 +16,7 @@ mod accounts;
 mod addresses;
 mod alarms;
 mod audience;
+mod blobs;
 mod books;
 mod channels;
 mod connection;
@@ -44,12 +45,14 @@ mod telling;
 #[cfg(test)]
 mod tests;
 mod turn;
+mod udp;
 
 pub use accounts::AccountsError;
 pub use connection::{ConnectionId, Ending, Origin};
 pub use notice::Notice;
 pub use requests::RequestId;
 pub use sessions::Session;
+pub use udp::DatagramCounts;
 
 use super::channel::{Channel, Owner, Registry};
 use super::database::{DatabaseKind, DatabaseName, Databases, Entity};
@@ -127,6 +130,7 @@ pub struct ServerCore {
     channels: Registry<Subscribers>,
     databases: Databases,
     storing: databases::Storing,
+    filing: blobs::Filing,
     /// Connections with commands that wait for their turn.
     work: VecDeque<ConnectionId>,
     dirty: Vec<ConnectionId>,
@@ -140,6 +144,7 @@ pub struct ServerCore {
     /// What is kept for late joiners and those who poll.
     kept: usize,
     sessions: Sessions,
+    udp: udp::Udp,
     addresses: Addresses,
     alarms: Alarms,
     /// Connections that lost messages and were not told yet.
@@ -175,6 +180,7 @@ impl ServerCore {
             channels: Registry::default(),
             databases: Databases::default(),
             storing: databases::Storing::default(),
+            filing: blobs::Filing::default(),
             work: VecDeque::new(),
             dirty: Vec::new(),
             notices: VecDeque::new(),
@@ -183,6 +189,7 @@ impl ServerCore {
             budget: Budget::default(),
             kept: 0,
             sessions: Sessions::default(),
+            udp: udp::Udp::default(),
             addresses: Addresses::default(),
             alarms: Alarms::default(),
             lossy: Vec::new(),
@@ -456,6 +463,7 @@ impl ServerCore {
     fn clear(&mut self, id: ConnectionId, reason: DropReason) {
         self.end_calls_of(id);
         self.end_session(id);
+        self.end_udp_session(id);
         let Some(connection) = self.connections.get_mut(id) else { return };
         let owned = std::mem::take(&mut connection.owned);
         let subscribed = connection.output.channels();
@@ -482,6 +490,7 @@ impl ServerCore {
 
     fn after_output(&mut self, id: ConnectionId) {
         self.fill(id);
+        self.go_on_reading(id);
         self.give_credit(id);
         let Some(connection) = self.connections.get(id) else { return };
         if let Some((reason, _)) = connection.closing {

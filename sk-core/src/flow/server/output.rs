@@ -2,7 +2,9 @@
 
 use super::super::definition::Encoded;
 use super::super::delivery::{Book, Budget, Counts, DropReason, Offered, Outgoing};
-use super::super::limits::{CONNECTION_BYTES_MAX, CONTROL_BYTES_MAX, FRAGMENT_BYTES_MAX, WIRE_BYTES_AHEAD};
+use super::super::limits::{
+    CONNECTION_BYTES_MAX, CONTROL_BYTES_MAX, FRAGMENT_BYTES_MAX, ITEM_OVERHEAD_BYTES, WIRE_BYTES_AHEAD,
+};
 use super::super::wire::Wire;
 use super::super::{ChannelRef, Policy};
 use super::talk::{Talk, TalkKey, Talks};
@@ -268,6 +270,16 @@ impl Output {
         self.turns.retain(|turn| *turn != Turn::Talk(key));
         self.bytes -= ended.charge;
         ended.was_begun
+    }
+
+    /// Whether a message of this length would find room now.
+    pub(super) fn has_room_for(&self, bytes: usize) -> bool {
+        self.bytes + bytes + ITEM_OVERHEAD_BYTES <= CONNECTION_BYTES_MAX
+    }
+
+    /// How many messages of this kind and tag wait.
+    pub(super) fn talks_waiting(&self, key: TalkKey) -> usize {
+        self.talks.waiting(key)
     }
 
     /// Whether requests or replies wait.

@@ -206,6 +206,15 @@ impl ServerCore {
         }
     }
 
+    /// The channels that a connection may know of.
+    pub fn seen_by(&self, id: ConnectionId) -> impl Iterator<Item = ChannelRef> + '_ {
+        let rights = self.connections.get(id).map(|connection| &connection.rights);
+        self.channels
+            .iter()
+            .filter(move |(channel, _)| rights.is_some_and(|rights| rights.sees(id, channel)))
+            .map(|(channel, _)| channel.reference)
+    }
+
     /// What a connection does beyond its rights: nothing, unless the hub is at fault. For tests and simulations.
     pub fn widened_rights(&self) -> Vec<String> {
         let mut found = Vec::new();

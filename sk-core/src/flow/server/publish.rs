@@ -29,22 +29,12 @@ impl ServerCore {
     ) -> Result<(), ProtocolError> {
         let Piece { channel, message, payload } = piece;
         let mut found = self.channels.get_mut(channel);
-        let (owner, kind) = found.as_ref().map(|(known, _)| (known.owner, known.kind)).unzip();
-        if owner != Some(Owner::Flow(id.wire())) {
-            // A channel may go while fragments for it are under way: refuse a message once, drop the rest.
-            self.late_fragments += 1;
-            if is_planted(Bug::RaceIsSpurious) && owner.is_none() {
+        let known = found.as_ref().map(|(known, _)| (known.owner, known.kind));
+        if known != Some((Owner::Flow(id.wire()), ChannelKind::Stream)) {
+            if is_planted(Bug::RaceIsSpurious) && known.is_none() {
                 return Err(ProtocolError::FragmentSequence { message });
             }
-            if flags.has(Flags::FIRST) {
-                self.refuse(id, tag, if owner.is_none() { RefusalCode::Gone } else { RefusalCode::NotOwner });
-            }
-            return Ok(());
-        }
-        if kind != Some(ChannelKind::Stream) {
-            if flags.has(Flags::FIRST) {
-                self.refuse(id, tag, RefusalCode::WrongKind);
-            }
+            self.turn_away(id, tag, flags, known);
             return Ok(());
         }
         let credit = found.as_mut().and_then(|(_, beside)| beside.special.as_mut()?.credit.as_mut());
@@ -59,10 +49,46 @@ impl ServerCore {
         }
         let Some(connection) = self.connections.get_mut(id) else { return Ok(()) };
         let bytes_max = connection.inbound.message_bytes_max();
-        match connection
-            .gathering
-            .take(Incoming::Publish(channel), message, flags, payload, bytes_max)?
-        {
+        let gathered =
+            connection
+                .gathering
+                .take(Incoming::Publish(channel), message, flags, payload, bytes_max)?;
+        self.gathered(id, tag, (channel, message), gathered);
+        if may_renew {
+            self.renew_credit(channel);
+        }
+        Ok(())
+    }
+
+    /// A fragment for a channel that is not its sender's, or no stream. A channel may go while fragments for it are
+    /// under way: a message is refused once, the rest of it dropped.
+    pub(super) fn turn_away(
+        &mut self,
+        id: ConnectionId,
+        tag: u32,
+        flags: Flags,
+        known: Option<(Owner, ChannelKind)>,
+    ) {
+        let code = match known {
+            Some((owner, _)) if owner == Owner::Flow(id.wire()) => RefusalCode::WrongKind,
+            Some(_) => RefusalCode::NotOwner,
+            None => RefusalCode::Gone,
+        };
+        self.late_fragments += u64::from(code != RefusalCode::WrongKind);
+        if flags.has(Flags::FIRST) {
+            self.refuse(id, tag, code);
+        }
+    }
+
+    /// What a fragment of a flow's own channel led to, whichever way it came.
+    pub(super) fn gathered(
+        &mut self,
+        id: ConnectionId,
+        tag: u32,
+        (channel, message): (ChannelRef, u32),
+        gathered: Gathered,
+    ) {
+        match gathered {
             Gathered::More | Gathered::Ignored => {}
             // The owner may have sent this before it attached the channel to another one.
             Gathered::Whole(_) if self.is_attached(channel) => self.refuse(id, tag, RefusalCode::Attached),
@@ -73,10 +99,6 @@ impl ServerCore {
                 self.refuse(id, tag, RefusalCode::Full);
             }
         }
-        if may_renew {
-            self.renew_credit(channel);
-        }
-        Ok(())
     }
 
     /// Publishes on a channel of the hub's own. Answers whether anybody listened.

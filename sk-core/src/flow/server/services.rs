@@ -333,7 +333,7 @@ impl ServerCore {
     }
 
     /// A synchronous connection whose call is over may have sent more meanwhile.
-    fn resume(&mut self, id: ConnectionId) {
+    pub(super) fn resume(&mut self, id: ConnectionId) {
         if self
             .connections
             .get(id)

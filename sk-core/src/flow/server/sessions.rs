@@ -3,7 +3,7 @@
 use super::super::channel::Owner;
 use super::super::database::{DatabaseKind, Entity};
 use super::super::error::{ClosingReason, RefusalCode};
-use super::super::{ChannelKind, ChannelRef, Event, Form};
+use super::super::{ChannelKind, ChannelRef, Event, Form, Right};
 use super::audience::Credit;
 use super::telling::Telling;
 use super::{ConnectionId, Notice, ServerCore, owning_flow};
@@ -42,6 +42,12 @@ fn session_of(hub_nonce: &[u8; 32]) -> Session {
 }
 
 impl ServerCore {
+    /// Whether the connection of this id is open and has a right.
+    pub fn has_right(&self, connection: u64, right: Right) -> bool {
+        let found = self.connections.get(ConnectionId::from_wire(connection));
+        found.is_some_and(|found| found.rights.has(right))
+    }
+
     pub(super) fn set_async(&mut self, id: ConnectionId, tag: u32, name: &str, session: Session, form: Form) {
         let Some(connection) = self.connections.get(id) else { return };
         let Some(user) = &connection.user else { return };

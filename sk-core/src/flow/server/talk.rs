@@ -15,13 +15,28 @@ pub(super) enum TalkKey {
     Request(u64),
     /// The replies to the call of this tag, to its asker.
     Reply(u32),
+    /// The download of this tag, to its reader.
+    Blob(u32),
 }
 
 /// What a message is, without its bytes.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Kind {
-    Request { channel: ChannelRef, request: u64, asker: u64 },
-    Reply { tag: u32, more: bool },
+    Request {
+        channel: ChannelRef,
+        request: u64,
+        asker: u64,
+    },
+    Reply {
+        tag: u32,
+        more: bool,
+    },
+    /// A piece of a download: its first, its last, or one between.
+    Blob {
+        tag: u32,
+        first: bool,
+        last: bool,
+    },
 }
 
 /// A whole message for one receiver. Its bytes are those that its sender's fragments came in.
@@ -51,6 +66,7 @@ impl Talk {
         match self.kind {
             Kind::Request { request, .. } => TalkKey::Request(request),
             Kind::Reply { tag, .. } => TalkKey::Reply(tag),
+            Kind::Blob { tag, .. } => TalkKey::Blob(tag),
         }
     }
 
@@ -74,6 +90,10 @@ impl Talk {
         match self.kind {
             Kind::Request { channel, request, asker } => {
                 Event::Request { channel, request, asker, payload }.encode(0, flags)
+            }
+            Kind::Blob { tag, first, last } => {
+                let flags = Flags::of(first && flags.has(Flags::FIRST), last && flags.has(Flags::LAST));
+                Event::BlobData { payload }.encode(tag, flags)
             }
             Kind::Reply { tag, more } => Event::Reply { more: u8::from(more), payload }.encode(tag, flags),
         }
@@ -147,6 +167,11 @@ impl Talks {
     /// Whether a queue has something to send.
     pub(super) fn is_ready(&self, key: TalkKey) -> bool {
         self.queues.contains_key(&key)
+    }
+
+    /// How many messages wait in a queue.
+    pub(super) fn waiting(&self, key: TalkKey) -> usize {
+        self.queues.get(&key).map_or(0, VecDeque::len)
     }
 
     pub(super) fn is_empty(&self) -> bool {

@@ -4,6 +4,7 @@
 use super::super::database::DatabaseName;
 use super::super::definition::Encoded;
 use super::super::{Event, Flags, Form, Message, Value};
+use super::blobs::Listing;
 use super::connection::Replay;
 use super::databases::sendable;
 use super::{ConnectionId, Notice, ServerCore};
@@ -43,6 +44,15 @@ pub(super) enum Telling {
         /// Whether the values are told.
         values: bool,
     },
+    /// What stands in a folder of a blob channel.
+    Blobs(Listing),
+}
+
+impl Telling {
+    /// Whether the next line is not known yet.
+    pub(super) fn waits(&self) -> bool {
+        matches!(self, Telling::Blobs(listing) if listing.waits())
+    }
 }
 
 impl ServerCore {
@@ -77,6 +87,11 @@ impl ServerCore {
         let Some(mut replay) = self.connections.get_mut(id)?.replay.take() else {
             return self.next_news(id);
         };
+        if replay.what.waits() {
+            self.connections.get_mut(id)?.replay = Some(replay);
+            self.go_on_listing(id);
+            return None;
+        }
         let line = self.line(id, &mut replay);
         let connection = self.connections.get_mut(id)?;
         if let Some(line) = line {
@@ -109,6 +124,7 @@ impl ServerCore {
                 };
                 Some(if *begins_flow { channel.added(0, form) } else { channel.listed(tag, form) })
             }
+            Telling::Blobs(listing) => listing.line(tag),
             Telling::Databases { prefix, after } => {
                 let line = loop {
                     let line = self.databases.next(prefix, after.as_ref())?;

@@ -5,6 +5,7 @@ use super::super::error::{ProtocolError, RefusalCode};
 use super::super::limits::TURN_COST_MAX;
 use super::super::scram::Verifier;
 use super::super::{ChannelKind, Command, Event, Flags, Message};
+use super::blobs::UploadPiece;
 use super::services::{AnswerPiece, CallPiece};
 use super::subscriptions::Wish;
 use super::{ConnectionId, ServerCore};
@@ -135,6 +136,7 @@ impl ServerCore {
             Command::Publish { channel, message, payload } => {
                 self.publish(id, tag, flags, super::publish::Piece { channel, message, payload })?;
             }
+            Command::UdpOpen {} => self.udp_open(id, tag),
             Command::Inspect { subject, form } => self.inspect(id, tag, &subject, form),
             Command::ChangeHeader { channel, properties } => {
                 self.change_header(id, tag, channel, properties);
@@ -160,6 +162,19 @@ impl ServerCore {
             }
             Command::Decline { request, text } => self.decline(id, request, text),
             Command::Cancel { call } => self.cancel(id, call),
+            Command::CreateBlob { name, properties } => self.create_blob(id, tag, &name, properties),
+            Command::BlobWrite { channel, path, offset, payload } => {
+                self.blob_write(id, tag, flags, UploadPiece { channel, path: path.0, offset, payload })?;
+            }
+            message @ (Command::BlobBegin { .. }
+            | Command::BlobCommit { .. }
+            | Command::BlobAbort { .. }
+            | Command::BlobMkdir { .. }
+            | Command::BlobMove { .. }
+            | Command::BlobRemove { .. }
+            | Command::BlobList { .. }
+            | Command::BlobStat { .. }
+            | Command::BlobRead { .. }) => self.blob_command(id, tag, message),
             message @ (Command::DbSelect { .. }
             | Command::DbCreate { .. }
             | Command::DbExists { .. }
@@ -175,7 +190,6 @@ impl ServerCore {
             | Command::DbAll { .. }
             | Command::Watch { .. }
             | Command::Unwatch { .. }) => self.database_command(id, tag, message),
-            message => self.refuse_once(id, tag, flags, &message, RefusalCode::NotOffered),
         }
         Ok(())
     }

@@ -18,15 +18,23 @@ pub(super) struct Own {
     latch_is_due: bool,
     /// The full name of what it repeats.
     source: Option<String>,
+    /// Its messages go by datagram where the hub takes them.
+    pub(super) by_udp: bool,
 }
 
 impl Own {
     fn new(properties: SkVariant) -> Own {
-        Own { properties, channel: None, latched: None, latch_is_due: false, source: None }
+        Own { properties, channel: None, latched: None, latch_is_due: false, source: None, by_udp: false }
     }
 
     fn has_latch(&self) -> bool {
         self.properties.get("latch") == Some(&SkVariant::Bool(true))
+    }
+
+    fn send(&self, core: &mut SatelliteCore, channel: ChannelRef, payload: Bytes) -> bool {
+        let sent =
+            if self.by_udp { core.publish_by_udp(channel, payload) } else { core.publish(channel, payload) };
+        sent == Ok(true)
     }
 
     /// The link is over.
@@ -59,9 +67,11 @@ impl SkFlowSat {
             .introduce("pulse.interval_ms", &(interval.as_secs_f64() * 1000.0).into());
         self.clerk.introduce("pulse.mode", &format!("{mode:?}").into());
         self.clerk.restore(core);
+        self.porter.restore(core);
         self.restore_services(cx);
         self.restore_sync();
-        self.flush_later(cx);
+        self.ask_for_udp(cx);
+        self.carry_on(cx);
     }
 
     /// A channel of this satellite's exists: it was opened, or (tag 0) kept by the hub.
@@ -91,6 +101,22 @@ impl SkFlowSat {
                 attach_to_source(core, name, own);
             }
         }
+        self.flush_later(cx);
+    }
+
+    /// A channel is gone, and one of this satellite's own may have waited for its name: a hub keeps what a process had
+    /// that vanished until it was silent for long enough, and refuses it to the next one.
+    pub(super) fn name_is_free(&mut self, cx: &mut Cx, full_name: &str) {
+        let Some(core) = self.core.as_mut().filter(|core| core.is_ready()) else { return };
+        let ours = full_name
+            .split_once('.')
+            .filter(|(user, _)| core.user().is_some_and(|own| own.as_str() == *user));
+        let Some((_, name)) = ours.filter(|_| !core.is_creating(full_name)) else { return };
+        if let Some(own) = self.own.get(name).filter(|own| own.channel.is_none()) {
+            log_failure(name, core.create(name, &own.properties));
+        }
+        self.services.open_if_missing(core, name);
+        self.sync.open_if_missing(core, name);
         self.flush_later(cx);
     }
 
@@ -136,7 +162,7 @@ impl SkFlowSat {
         if own.has_latch() {
             let Some(payload) = payload() else { return false };
             own.latched = Some(payload.clone());
-            let sent = way.is_some_and(|(core, channel)| core.publish(channel, payload) == Ok(true));
+            let sent = way.is_some_and(|(core, channel)| own.send(core, channel, payload));
             own.latch_is_due = !sent;
             self.flush_later(cx);
             return sent;
@@ -148,7 +174,7 @@ impl SkFlowSat {
         if !core.is_listened(channel) {
             return false;
         }
-        let sent = payload().is_some_and(|payload| core.publish(channel, payload) == Ok(true));
+        let sent = payload().is_some_and(|payload| own.send(core, channel, payload));
         if !sent {
             self.losses += 1;
         }

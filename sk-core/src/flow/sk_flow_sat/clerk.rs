@@ -2,6 +2,7 @@
 //! database is preceded by a `db_select`; if that is refused, none is current and the command is refused too.
 //! Watches and creations are repeated after a reconnection.
 
+use super::accounts::as_variant;
 use super::database::{FlowDatabase, Variable};
 use crate::Cx;
 use crate::flow::satellite::{SatelliteCore, SatelliteEvent};
@@ -39,6 +40,8 @@ enum Sent {
     Save,
     Load,
     Watch(String),
+    /// A command about accounts.
+    Account(Answer),
 }
 
 /// What is to be told to the user, when the satellite is not leased.
@@ -95,6 +98,15 @@ impl Clerk {
     pub(super) fn add(&mut self, name: &Rc<str>, object: Handle<FlowDatabase>) {
         self.entries
             .insert(name.clone(), Entry { object, create: None, watches: BTreeMap::new() });
+    }
+
+    /// A command about accounts was sent.
+    pub(super) fn expect_answer(&mut self, tag: u32, answer: Answer) {
+        self.sent.insert(tag, (OWN.into(), Sent::Account(answer)));
+    }
+
+    pub(super) fn answer_later(&mut self, answer: Answer, outcome: Result<Option<SkVariant>, String>) {
+        self.told.push_back(Told::Answered(answer, outcome));
     }
 
     /// The next thing to tell.
@@ -239,7 +251,9 @@ impl Clerk {
     fn fail(&mut self, name: &Rc<str>, sent: Sent, why: &str) {
         match sent {
             Sent::Quiet | Sent::Select | Sent::Watch(_) => {}
-            Sent::Get(answer) => self.told.push_back(Told::Answered(answer, Err(why.to_owned()))),
+            Sent::Get(answer) | Sent::Account(answer) => {
+                self.answer_later(answer, Err(why.to_owned()));
+            }
             Sent::Change(_) | Sent::Save | Sent::Load => {
                 if let Some(object) = self.object(name) {
                     self.told.push_back(Told::Refused(object, why.to_owned()));
@@ -252,15 +266,9 @@ impl Clerk {
     fn go_on(&mut self, core: Option<&mut SatelliteCore>) {
         let Some(core) = core.filter(|core| core.is_ready()) else { return };
         while let Some((name, order)) = self.waiting.pop_front() {
-            if self.current.as_ref() != Some(&name) {
-                let database = full_name(core, &name);
-                let Ok(tag) = core.database(&Command::DbSelect { database }) else {
-                    self.waiting.push_front((name, order));
-                    return;
-                };
-                self.selecting = tag;
-                self.sent.insert(tag, (name.clone(), Sent::Select));
-                self.current = Some(name.clone());
+            if !self.select(core, &name) {
+                self.waiting.push_front((name, order));
+                return;
             }
             let (command, sent) = match order {
                 Order::Set(key, value) => (Command::VarSet { key: key.clone(), value }, Sent::Change(key)),
@@ -277,6 +285,25 @@ impl Clerk {
         }
     }
 
+    /// Makes a database the current one; `false` if there is no room to say so.
+    pub(super) fn select(&mut self, core: &mut SatelliteCore, name: &Rc<str>) -> bool {
+        if self.current.as_ref() == Some(name) {
+            return true;
+        }
+        let database = full_name(core, name);
+        let Ok(tag) = core.database(&Command::DbSelect { database }) else { return false };
+        self.selecting = tag;
+        self.sent.insert(tag, (name.clone(), Sent::Select));
+        self.current = Some(name.clone());
+        true
+    }
+
+    /// Why a command was refused for which no database was current: what was said when it was selected.
+    pub(super) fn why_unselected(&self, name: &str, code: u16) -> Option<&str> {
+        let why = self.unselected.get(name).map(String::as_str);
+        why.filter(|_| code == RefusalCode::NoDatabase.code())
+    }
+
     /// Takes an event that is about databases; answers whether it was.
     pub(super) fn hear(&mut self, core: &mut SatelliteCore, event: &SatelliteEvent) -> bool {
         match event {
@@ -284,6 +311,11 @@ impl Clerk {
             SatelliteEvent::Done { tag } | SatelliteEvent::Saved { tag } => return self.done(*tag),
             SatelliteEvent::Value { tag, value } => {
                 return self.answered(*tag, || Ok(Some(value.variant())));
+            }
+            SatelliteEvent::Accounts { tag, accounts } => {
+                if let Some((_, Sent::Account(answer))) = self.sent.remove(tag) {
+                    self.answer_later(answer, Ok(Some(as_variant(accounts))));
+                }
             }
             SatelliteEvent::Refused { tag, code, text } => return self.refused(*tag, *code, text),
             SatelliteEvent::Changed { tag, sequence, key, value } => {
@@ -318,6 +350,10 @@ impl Clerk {
         let what = match sent {
             Sent::Change(key) => key,
             Sent::Save | Sent::Load => String::new(),
+            Sent::Account(answer) => {
+                self.answer_later(answer, Ok(None));
+                return true;
+            }
             Sent::Quiet | Sent::Select | Sent::Get(_) | Sent::Watch(_) => return true,
         };
         if let Some(object) = self.object(&name) {
@@ -350,8 +386,7 @@ impl Clerk {
                 self.unselected.insert(name, text.to_owned());
             }
             sent => {
-                let unselected = (code == RefusalCode::NoDatabase.code()).then(|| self.unselected.get(&name));
-                let why = unselected.flatten().map_or(text, String::as_str).to_owned();
+                let why = self.why_unselected(&name, code).unwrap_or(text).to_owned();
                 self.fail(&name, sent, &why);
             }
         }

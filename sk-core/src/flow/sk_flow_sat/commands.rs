@@ -2,7 +2,7 @@
 
 use super::SkFlowSat;
 use crate::Cx;
-use crate::flow::satellite::{ChannelInfo, SatelliteError};
+use crate::flow::satellite::{ChannelInfo, SatelliteCore, SatelliteError};
 use crate::flow::{Flow, Policy};
 use crate::object::Handle;
 use bytes::Bytes;
@@ -57,6 +57,22 @@ impl Handle<SkFlowSat> {
             }
         });
         opened.unwrap_or(false)
+    }
+
+    /// From now on a channel of this satellite's own is published by datagrams, over all links that it has in its
+    /// life. What is lost on the way is lost, and no message arrives in parts or behind a newer one. Until the hub has
+    /// opened the session, and with a hub that takes no datagrams (which is told as
+    /// [`refused`](SkFlowSat::refused)), messages go over the connection; those of a reliable channel always do.
+    ///
+    /// # Errors
+    /// If there is no such channel, or the satellite is gone.
+    pub fn publish_by_udp(self, cx: &mut Cx, name: &str) -> io::Result<()> {
+        self.command(cx, |satellite, cx| satellite.publish_by_udp(cx, name))
+    }
+
+    /// Whether the hub has opened the session for datagrams.
+    pub fn is_udp_open(self, cx: &mut Cx) -> bool {
+        cx.with(self, |satellite, _| satellite.core().is_some_and(SatelliteCore::is_udp_open)) == Ok(true)
     }
 
     /// Whether somebody listens to a channel of this satellite's own.

@@ -218,7 +218,7 @@ impl Handle<FlowDatabase> {
             .ok()?
     }
 
-    fn parts(self, cx: &mut Cx) -> Option<(Handle<SkFlowSat>, Rc<str>)> {
+    pub(super) fn parts(self, cx: &mut Cx) -> Option<(Handle<SkFlowSat>, Rc<str>)> {
         cx.with(self, |database, _| (database.satellite, database.name.clone())).ok()
     }
 

@@ -10,10 +10,14 @@ use crate::object::Handle;
 pub(super) fn tell_all(cx: &mut Cx, satellite: Handle<SkFlowSat>) {
     while let Ok(Some(event)) = cx.with(satellite, |satellite, cx| satellite.next_event(cx)) {
         super::database::tell_told(cx, satellite);
+        super::asking::tell_answers(cx, satellite);
+        super::blobs::tell_told(cx, satellite);
         tell(cx, satellite, event);
     }
     super::database::tell_told(cx, satellite);
-    let _ = cx.with(satellite, |satellite, cx| satellite.flush_later(cx));
+    super::asking::tell_answers(cx, satellite);
+    super::blobs::tell_told(cx, satellite);
+    let _ = cx.with(satellite, |satellite, cx| satellite.carry_on(cx));
 }
 
 fn tell(cx: &mut Cx, satellite: Handle<SkFlowSat>, event: SatelliteEvent) {

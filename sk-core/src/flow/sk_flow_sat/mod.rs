@@ -1,5 +1,8 @@
 //! A satellite as an object: its link to a hub around a [`SatelliteCore`], and the way back when it breaks.
 
+mod accounts;
+mod asking;
+mod blobs;
 mod channels;
 mod clerk;
 mod commands;
@@ -7,7 +10,9 @@ mod database;
 mod events;
 mod services;
 mod sync;
+mod udp;
 
+pub use blobs::{BlobProgress, FlowBlob, FlowDownload};
 pub use database::{FlowDatabase, Variable};
 pub(crate) use services::doc_or_map;
 
@@ -85,11 +90,17 @@ pub struct SkFlowSat {
     heard: BTreeMap<ChannelRef, Rc<ChannelInfo>>,
     services: services::Services,
     sync: sync::Sync,
+    udp: udp::Udp,
     /// How many links there have been.
     link_number: u64,
     call_timer: Handle<Timer>,
     /// Its dealings with databases.
     clerk: clerk::Clerk,
+    /// Passwords of accounts from which a worker derives what the hub keeps.
+    deriving: accounts::Deriving,
+    questions: asking::Questions,
+    /// Who carries files.
+    porter: blobs::Porter,
     reconnect: Handle<Timer>,
     reconnect_after: Duration,
     losses: u64,
@@ -272,9 +283,13 @@ impl SkFlowSat {
                 heard: BTreeMap::new(),
                 services: services::Services::default(),
                 sync: sync::Sync::default(),
+                udp: udp::Udp::default(),
                 link_number: 0,
                 call_timer,
                 clerk: clerk::Clerk::default(),
+                deriving: accounts::Deriving::default(),
+                questions: asking::Questions::default(),
+                porter: blobs::Porter::default(),
                 reconnect,
                 reconnect_after: RECONNECT_FIRST,
                 losses: 0,
@@ -354,7 +369,10 @@ impl SkFlowSat {
         self.heard.clear();
         self.end_services(cx);
         self.end_sync(cx);
+        self.close_udp(cx);
         self.clerk.lose();
+        self.questions.lose();
+        self.porter.lose();
         if matches!(self.way, Way::Address { .. }) {
             // The timer is this object's child and lives as long as it.
             let _ = self.reconnect.start_once(cx, self.reconnect_after);
@@ -370,6 +388,8 @@ impl SkFlowSat {
         let this = cx.this(self);
         cx.post_own(this, move |cx| {
             database::tell_told(cx, this);
+            asking::tell_answers(cx, this);
+            blobs::tell_told(cx, this);
             cx.emit_own(this, |satellite| &satellite.lost, &why);
         });
     }
@@ -392,7 +412,7 @@ impl SkFlowSat {
         if let Some(core) = &mut self.core {
             self.clerk.check(core);
         }
-        self.flush_later(cx);
+        self.carry_on(cx);
     }
 
     fn on_destroy(&mut self, cx: &mut Cx) {
@@ -403,7 +423,9 @@ impl SkFlowSat {
     }
 
     fn flush_later(&mut self, cx: &mut Cx) {
-        let has_output = self.waiting.is_some() || self.core.as_ref().is_some_and(SatelliteCore::has_output);
+        let has_output = self.waiting.is_some()
+            || self.core.as_ref().is_some_and(SatelliteCore::has_output)
+            || self.has_datagrams();
         if has_output {
             self.flush_in_next_round(cx);
         }
@@ -421,6 +443,7 @@ impl SkFlowSat {
     fn flush(&mut self, cx: &mut Cx) {
         self.flush_asked = false;
         self.finish_pulses(cx);
+        self.send_datagrams(cx);
         let now = cx.now();
         let (Some(core), Some(mut link)) = (&mut self.core, self.link.take()) else { return };
         let turn = link.write(cx, &mut Side { core, now, waiting: &mut self.waiting });
@@ -457,22 +480,32 @@ impl SkFlowSat {
         if wrote == Turn::More {
             self.flush_later(cx);
         }
+        self.derive_if_challenged(cx);
         turn
     }
 
     // ---- what the hub says ----
 
+    /// Whether an event is for one of those who deal with the hub for others, and tell it themselves.
+    fn hear_apart(&mut self, event: &SatelliteEvent) -> bool {
+        if self.hear_answer(event) {
+            return true;
+        }
+        let Some(core) = &mut self.core else { return false };
+        self.clerk.hear(core, event) || self.porter.hear(core, event)
+    }
+
     /// Takes the next event and does the bookkeeping for it.
     fn next_event(&mut self, cx: &mut Cx) -> Option<SatelliteEvent> {
-        let core = self.core.as_mut()?;
-        let mut event = core.next_event()?;
-        // What is about databases is told by their own objects.
-        while self.clerk.hear(core, &event) {
-            event = core.next_event()?;
+        let mut event = self.core.as_mut()?.next_event()?;
+        // What answers a question, or is about databases or files, is told apart.
+        while self.hear_apart(&event) {
+            event = self.core.as_mut()?.next_event()?;
         }
         self.note_sync(cx, &event);
         match &event {
             SatelliteEvent::Ready => self.restore(cx),
+            SatelliteEvent::UdpOpened { port, .. } => self.udp_opened(cx, *port),
             SatelliteEvent::Created { tag, channel, name } => {
                 self.created(cx, *tag, *channel, name);
                 self.service_created(own_name(name), *channel);
@@ -485,6 +518,7 @@ impl SkFlowSat {
             }
             SatelliteEvent::ChannelRemoved(info) => {
                 self.heard.remove(&info.channel);
+                self.name_is_free(cx, &info.name);
             }
             SatelliteEvent::HeaderChanged { info, .. } => {
                 self.heard.insert(info.channel, Rc::new(info.clone()));

@@ -33,6 +33,17 @@ pub(super) struct Services {
     waiting: Vec<Waiting>,
 }
 
+impl Services {
+    /// Asks for the service of this name, if it is served and its channel is not there.
+    pub(super) fn open_if_missing(&self, core: &mut SatelliteCore, name: &str) {
+        if let Some(serving) = self.serving.get(name).filter(|known| known.channel.is_none())
+            && let Err(error) = core.create_service(name, &serving.properties)
+        {
+            tracing::error!("service {name} cannot be opened: {error}");
+        }
+    }
+}
+
 struct Serving {
     properties: SkVariant,
     channel: Option<ChannelRef>,
@@ -279,11 +290,8 @@ impl SkFlowSat {
     pub(super) fn restore_services(&mut self, cx: &mut Cx) {
         if let Some(core) = &mut self.core {
             // Those that the hub kept have their channels already.
-            for (name, serving) in self.services.serving.iter().filter(|(_, known)| known.channel.is_none()) {
-                if let Err(error) = core.create_service(name, &serving.properties) {
-                    tracing::error!("service {name} cannot be opened: {error}");
-                }
-            }
+            let names: Vec<Rc<str>> = self.services.serving.keys().cloned().collect();
+            names.iter().for_each(|name| self.services.open_if_missing(core, name));
         }
         self.send_waiting(cx, None);
     }

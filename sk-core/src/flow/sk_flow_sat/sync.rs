@@ -3,7 +3,7 @@
 use super::SkFlowSat;
 use crate::eventloop::TimingMode;
 use crate::flow::ChannelRef;
-use crate::flow::satellite::{Divisor, SatelliteError, SatelliteEvent, TickReport};
+use crate::flow::satellite::{Divisor, SatelliteCore, SatelliteError, SatelliteEvent, TickReport};
 use crate::object::Handle;
 use crate::{Cx, attach, detach};
 use sk_flat::SkVariant;
@@ -18,6 +18,19 @@ const INTERVAL_NS: &str = "interval_ns";
 pub(super) struct Sync {
     source: Option<Source>,
     target: Option<Target>,
+}
+
+impl Sync {
+    /// Asks for the sync channel of this name, if it is wanted and not there.
+    pub(super) fn open_if_missing(&self, core: &mut SatelliteCore, name: &str) {
+        if let Some(source) = &self.source
+            && source.name == name
+            && source.channel.is_none()
+            && let Err(error) = core.create_sync(name, &source_properties(source.interval))
+        {
+            tracing::error!("sync channel {name} cannot be opened: {error}");
+        }
+    }
 }
 
 struct Source {
@@ -206,11 +219,8 @@ impl SkFlowSat {
     /// A new link: the channel is opened and the source followed again.
     pub(super) fn restore_sync(&mut self) {
         let Some(core) = &mut self.core else { return };
-        if let Some(source) = &self.sync.source
-            && source.channel.is_none()
-            && let Err(error) = core.create_sync(&source.name, &source_properties(source.interval))
-        {
-            tracing::error!("sync channel {} cannot be opened: {error}", source.name);
+        if let Some(name) = self.sync.source.as_ref().map(|source| source.name.clone()) {
+            self.sync.open_if_missing(core, &name);
         }
         if let Some(target) = &self.sync.target
             && let Err(error) = core.follow(&target.name, target.divisor)

@@ -22,7 +22,8 @@ use std::rc::Rc;
 
 impl Handle<SkFlowServer> {
     /// Listens at an address; answers where, with the port that was chosen for port 0. A Unix socket's file
-    /// is only the owner's. At a WebSocket address it listens through its [HTTP server](Handle::http).
+    /// is only the owner's. At a WebSocket address it listens through its [HTTP server](Handle::http). At a
+    /// UDP address it takes what flows publish by datagrams, and answers nothing.
     ///
     /// # Errors
     /// If the address is taken or may not be used, needs a certificate, or the server is gone. `Unsupported`
@@ -34,6 +35,7 @@ impl Handle<SkFlowServer> {
             #[cfg(feature = "websocket")]
             HubAddress::WebSocket { path, .. } => self.listen_for_upgrades(cx, at, path, None),
             HubAddress::Tty { .. } => self.listen_on_line(cx, at),
+            HubAddress::Udp(at) => self.listen_for_datagrams(cx, *at),
             #[cfg(feature = "tls")]
             HubAddress::Tls(_) | HubAddress::SecureWebSocket { .. } => {
                 let what = format!("to listen at {at} a certificate is needed: use `listen_secured`");

@@ -3,7 +3,10 @@
 
 use super::SkFlowServer;
 use crate::Cx;
-use crate::flow::database::{DatabaseName, DatabaseStore, Saved, StoreAnswer, StoreFailure, StoreRequest};
+use crate::flow::database::{
+    Contents, DatabaseName, DatabaseStore, Saved, StoreAnswer, StoreFailure, StoreRequest, StoreWork, Stored,
+};
+use crate::flow::server::AccountsError;
 use crate::object::{Access, Handle};
 use crate::thread::Remote;
 use crate::world::Job;
@@ -104,20 +107,59 @@ fn job(shared: Arc<Shared>, to: Option<Remote<SkFlowServer>>) -> Job {
     })
 }
 
+/// Why a server does not keep databases.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum KeepError {
+    /// The server cannot be reached.
+    #[error(transparent)]
+    Access(#[from] Access),
+    /// The disk does not give the accounts.
+    #[error("the hub's accounts cannot be read: {0}")]
+    Disk(#[from] StoreFailure),
+    /// What the disk gives are no accounts.
+    #[error(transparent)]
+    Accounts(#[from] AccountsError),
+}
+
+/// Asks a store for the accounts, if it has any.
+fn load_accounts(
+    store: &mut impl DatabaseStore,
+    saved: &[(DatabaseName, Saved)],
+) -> Result<Option<Contents>, StoreFailure> {
+    let database = DatabaseName::accounts();
+    if !saved.iter().any(|(name, _)| *name == database) {
+        return Ok(None);
+    }
+    let mut answers = store.perform(vec![StoreRequest { number: 0, database, work: StoreWork::Load }]);
+    match answers.pop().map(|answer| answer.outcome) {
+        Some(Ok(Stored::Contents(contents))) => Ok(contents),
+        Some(Err(failure)) => Err(failure),
+        Some(Ok(Stored::Written)) | None => Err(StoreFailure("the store gave no answer".to_owned())),
+    }
+}
+
 impl Handle<SkFlowServer> {
     /// Keeps databases in this store from here on; `saved` lists what it holds. To be called before the first
     /// connection is let in, and after [`listen`](Handle#method.listen): whoever has the address has the files.
     ///
+    /// The accounts of the store are read here and now.
+    ///
     /// # Errors
-    /// If the server is gone, or one of its slots is running.
+    /// If the server is gone, one of its slots is running, or the accounts cannot be read: then it must not be run,
+    /// since nobody knows who would be let in.
     pub fn keep_databases(
         self,
         cx: &mut Cx,
-        store: impl DatabaseStore + 'static,
+        mut store: impl DatabaseStore + 'static,
         saved: Vec<(DatabaseName, Saved)>,
-    ) -> Result<(), Access> {
+    ) -> Result<(), KeepError> {
+        let accounts = load_accounts(&mut store, &saved)?;
         cx.with(self, |server, _| {
             server.core.keep_databases(saved);
+            if let Some(accounts) = accounts {
+                server.core.keep_accounts(&accounts)?;
+            }
             server.keeper = Some(Keeper {
                 shared: Arc::new(Shared {
                     store: Mutex::new(Box::new(store)),
@@ -127,6 +169,7 @@ impl Handle<SkFlowServer> {
                 busy: false,
                 stalled: None,
             });
-        })
+            Ok(())
+        })?
     }
 }

@@ -5,7 +5,7 @@ use crate::Cx;
 use crate::eventloop::Timer;
 use crate::flow::server::{ConnectionId, RequestId};
 use crate::flow::service::{Home, Request, Service};
-use crate::flow::{ChannelRef, Properties, RefusalCode};
+use crate::flow::{ChannelRef, Properties, RefusalCode, Right};
 use crate::object::Handle;
 use bytes::Bytes;
 use sk_flat::{Instant, IntoVariant, Name};
@@ -135,5 +135,11 @@ impl Handle<SkFlowServer> {
         cx.with(self, |server, cx| server.serve_own(cx, name, properties))
             .map_err(io::Error::other)?
             .map_err(|code| io::Error::other(code.to_string()))
+    }
+
+    /// Whether the connection of this id, such as that of a request's [asker](Request::asker), has a right: for
+    /// services of the hub's own that not everybody who may call is to use.
+    pub fn may(self, cx: &mut Cx, connection: u64, right: Right) -> bool {
+        cx.with(self, |server, _| server.core.has_right(connection, right)) == Ok(true)
     }
 }

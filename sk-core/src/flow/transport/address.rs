@@ -15,7 +15,8 @@ const PATH_BYTES_MAX: usize = 255;
 
 /// Where a hub is reached: `tcp:127.0.0.1:4141`, `unix:/run/user/1000/skrobot/hub.sock`,
 /// `ws:127.0.0.1:4180/flow`, with TLS below `tls:127.0.0.1:4142` and `wss:127.0.0.1:4443/flow`, and over a serial
-/// line `tty:/dev/ttyUSB0?baud=115200`.
+/// line `tty:/dev/ttyUSB0?baud=115200`. At `udp:127.0.0.1:4143` a hub takes what flows publish by datagrams; nobody
+/// logs in there.
 ///
 /// ```
 /// use sk_core::flow::HubAddress;
@@ -43,6 +44,8 @@ pub enum HubAddress {
     },
     /// TLS over TCP.
     Tls(SocketAddr),
+    /// UDP, for publishing only: a flow is told the port over its own connection.
+    Udp(SocketAddr),
     /// WebSocket over TLS.
     SecureWebSocket {
         /// The server.
@@ -63,7 +66,7 @@ pub enum HubAddress {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "{0:?} is no address of a hub: write `tcp:HOST:PORT` with a numeric host, `unix:PATH`, `ws:HOST:PORT/flow`, \
-     `tls:HOST:PORT`, `wss:HOST:PORT/flow` or `tty:DEVICE?baud=115200`"
+     `tls:HOST:PORT`, `wss:HOST:PORT/flow`, `udp:HOST:PORT` or `tty:DEVICE?baud=115200`"
 )]
 pub struct AddressError(String);
 
@@ -73,6 +76,7 @@ impl HubAddress {
         match self {
             HubAddress::Tcp(at)
             | HubAddress::Tls(at)
+            | HubAddress::Udp(at)
             | HubAddress::WebSocket { at, .. }
             | HubAddress::SecureWebSocket { at, .. } => Endpoint::Ip(*at),
             HubAddress::Unix(path) => Endpoint::Unix(path.clone()),
@@ -84,6 +88,7 @@ impl HubAddress {
     pub(crate) fn listening_at(&self, local: &Endpoint) -> HubAddress {
         match (self, local) {
             (HubAddress::Tls(_), Endpoint::Ip(at)) => HubAddress::Tls(*at),
+            (HubAddress::Udp(_), Endpoint::Ip(at)) => HubAddress::Udp(*at),
             (HubAddress::WebSocket { path, .. }, Endpoint::Ip(at)) => {
                 HubAddress::WebSocket { at: *at, path: path.clone() }
             }
@@ -119,6 +124,7 @@ impl FromStr for HubAddress {
         match text.split_once(':') {
             Some(("tcp", at)) => ip(at).map(HubAddress::Tcp),
             Some(("tls", at)) => ip(at).map(HubAddress::Tls),
+            Some(("udp", at)) => ip(at).map(HubAddress::Udp),
             Some(("unix", path)) if !path.is_empty() => Ok(HubAddress::Unix(path.into())),
             Some(("tty", rest)) => {
                 let (path, baud) = match rest.rsplit_once("?baud=") {
@@ -154,6 +160,7 @@ impl fmt::Display for HubAddress {
             HubAddress::Unix(path) => write!(f, "unix:{}", path.display()),
             HubAddress::WebSocket { at, path } => write!(f, "ws:{at}{path}"),
             HubAddress::Tls(at) => write!(f, "tls:{at}"),
+            HubAddress::Udp(at) => write!(f, "udp:{at}"),
             HubAddress::SecureWebSocket { at, path } => write!(f, "wss:{at}{path}"),
             HubAddress::Tty { path, baud } => write!(f, "tty:{}?baud={baud}", path.display()),
         }
@@ -172,6 +179,7 @@ mod tests {
             "ws:[::1]:80/flow",
             "ws:10.0.0.1:4180/a/b",
             "tls:127.0.0.1:2",
+            "udp:[::1]:3",
             "wss:127.0.0.1:443/flow",
             "tty:/dev/ttyUSB0?baud=9600",
         ] {
@@ -181,6 +189,7 @@ mod tests {
             "",
             "tcp:",
             "tcp:host:1",
+            "udp:7",
             "unix:",
             "ws:127.0.0.1/flow",
             "tty:",

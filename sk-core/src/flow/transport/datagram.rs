@@ -151,6 +151,14 @@ impl DatagramReader {
     /// # Errors
     /// What it is instead. Nothing that is not proven changes anything here.
     pub fn open<'a>(&mut self, datagram: &'a [u8]) -> Result<&'a [u8], DatagramError> {
+        self.open_counted(datagram).map(|(_, frame)| frame)
+    }
+
+    /// The same with the counter, that tells the order in which datagrams were made.
+    ///
+    /// # Errors
+    /// As [`open`](DatagramReader::open).
+    pub fn open_counted<'a>(&mut self, datagram: &'a [u8]) -> Result<(u64, &'a [u8]), DatagramError> {
         let session = session_of(datagram).ok_or(DatagramError::Length(datagram.len()))?;
         if session != self.session {
             return Err(DatagramError::Session(session));
@@ -163,7 +171,7 @@ impl DatagramReader {
         let (head, frame) = proven.split_first_chunk::<HEAD_BYTES>().ok_or(length)?;
         let [_, _, _, _, _, _, _, _, counter @ ..] = *head;
         let counter = u64::from_le_bytes(counter);
-        if self.window.take(counter) { Ok(frame) } else { Err(DatagramError::Replayed(counter)) }
+        if self.window.take(counter) { Ok((counter, frame)) } else { Err(DatagramError::Replayed(counter)) }
     }
 }
 

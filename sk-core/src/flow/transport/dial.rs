@@ -50,6 +50,10 @@ pub(crate) fn dial(cx: &mut Cx, to: &Destination, token: Token) -> io::Result<Bo
 /// Finds out before anything is opened what cannot be.
 fn check(to: &Destination) -> io::Result<()> {
     match &to.address {
+        HubAddress::Udp(_) => {
+            let what = format!("nobody logs in at {}: connect to another address of the hub", to.address);
+            Err(io::Error::new(ErrorKind::InvalidInput, what))
+        }
         HubAddress::WebSocket { .. } if !cfg!(feature = "websocket") => Err(unsupported(&to.address)),
         HubAddress::SecureWebSocket { .. } if !cfg!(feature = "websocket") => Err(unsupported(&to.address)),
         HubAddress::Tls(_) | HubAddress::SecureWebSocket { .. } if !cfg!(feature = "tls") => {

@@ -1,11 +1,15 @@
 //! Durable files.
 
 mod disk_faults;
+mod folder;
 mod real;
+mod real_folder;
 mod sim_disk;
+mod sim_folder;
 mod simulated;
 
 pub use disk_faults::DiskFaults;
+pub use folder::{Found, StoredFolder};
 pub use real::RealStorage;
 pub use simulated::SimulatedStorage;
 
@@ -18,6 +22,9 @@ pub trait Storage: Send + Sync {
     /// Opens a file for reading and writing; `create` makes it, with mode 0600, where it is missing, and
     /// then synchronises the folder, so that the (empty) file survives a power cut.
     fn open(&self, path: &Path, create: bool) -> io::Result<Arc<dyn StoredFile>>;
+
+    /// Opens a file that is there for reading alone.
+    fn open_to_read(&self, path: &Path) -> io::Result<Arc<dyn StoredFile>>;
 
     /// The whole of a file, or an error of kind `InvalidData` if it is longer than `bytes_max`.
     fn read(&self, path: &Path, bytes_max: u64) -> io::Result<Vec<u8>>;
@@ -34,6 +41,9 @@ pub trait Storage: Send + Sync {
 
     /// Makes a folder and its parents, with mode 0700, and synchronises what they are in; it may exist.
     fn create_dir(&self, path: &Path) -> io::Result<()>;
+
+    /// Opens a folder, for what is below it. Its own name must not be a symbolic link.
+    fn folder(&self, path: &Path) -> io::Result<Arc<dyn StoredFolder>>;
 
     /// The names in a folder, sorted.
     fn list(&self, path: &Path) -> io::Result<Vec<PathBuf>>;

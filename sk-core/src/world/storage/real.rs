@@ -1,6 +1,7 @@
 //! The machine's file system.
 
-use super::{Storage, StoredFile};
+use super::real_folder::RealFolder;
+use super::{Storage, StoredFile, StoredFolder};
 use std::ffi::OsString;
 use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io::{self, Read, Write};
@@ -69,6 +70,10 @@ impl Storage for RealStorage {
         Ok(Arc::new(RealFile::new(options.open(path)?)))
     }
 
+    fn open_to_read(&self, path: &Path) -> io::Result<Arc<dyn StoredFile>> {
+        Ok(Arc::new(RealFile::new(File::open(path)?)))
+    }
+
     fn read(&self, path: &Path, bytes_max: u64) -> io::Result<Vec<u8>> {
         let mut bytes = Vec::new();
         // One more than allowed is asked for, because the length in the metadata may be out of date.
@@ -107,6 +112,10 @@ impl Storage for RealStorage {
         missing.into_iter().rev().try_for_each(sync_folder_of)
     }
 
+    fn folder(&self, path: &Path) -> io::Result<Arc<dyn StoredFolder>> {
+        Ok(Arc::new(RealFolder::open(path)?))
+    }
+
     fn list(&self, path: &Path) -> io::Result<Vec<PathBuf>> {
         let names = fs::read_dir(path)?.map(|entry| Ok(PathBuf::from(entry?.file_name())));
         let mut names = names.collect::<io::Result<Vec<PathBuf>>>()?;
@@ -141,7 +150,7 @@ fn sync_folder_of(path: &Path) -> io::Result<()> {
 }
 
 /// A file that is open for reading and writing.
-struct RealFile {
+pub(super) struct RealFile {
     file: File,
     /// After a failed synchronisation the kernel forgets what it could not write and reports the next one
     /// as good; the bytes are lost all the same, so every later one has to fail too.
@@ -149,7 +158,7 @@ struct RealFile {
 }
 
 impl RealFile {
-    fn new(file: File) -> RealFile {
+    pub(super) fn new(file: File) -> RealFile {
         RealFile { file, sync_failed: AtomicBool::new(false) }
     }
 }

@@ -23,6 +23,8 @@ pub(super) struct Disk {
 pub(super) enum Node {
     Folder,
     File(u64),
+    /// A symbolic link; nothing follows it.
+    Link,
 }
 
 /// A file's bytes as programs see them, and what is needed to know what the disk has.
@@ -85,6 +87,7 @@ impl Disk {
         match self.node(path)? {
             Node::File(id) => Ok(id),
             Node::Folder => Err(io::ErrorKind::IsADirectory.into()),
+            Node::Link => Err(io::ErrorKind::InvalidInput.into()),
         }
     }
 
@@ -95,7 +98,7 @@ impl Disk {
         }
         match self.node(path.parent().unwrap_or(Path::new("")))? {
             Node::Folder => Ok(()),
-            Node::File(_) => Err(io::ErrorKind::NotADirectory.into()),
+            Node::File(_) | Node::Link => Err(io::ErrorKind::NotADirectory.into()),
         }
     }
 

@@ -2,7 +2,8 @@
 
 use super::disk_faults::{DiskFaults, Operation};
 use super::sim_disk::{Change, Contents, Disk, Node};
-use super::{Storage, StoredFile};
+use super::sim_folder::SimulatedFolder;
+use super::{Storage, StoredFile, StoredFolder};
 use crate::world::net::SIMULATED_UID;
 use crate::world::{Rng, SimulatedRng};
 use std::io;
@@ -89,13 +90,18 @@ impl SimulatedStorage {
         disk.files.retain(|_, file| !file.removed);
     }
 
+    /// Puts a symbolic link into the tree, as somebody else on the machine might.
+    pub fn plant_link(&self, path: &Path) {
+        self.disk().put(path, Node::Link);
+    }
+
     /// The present process ends after that many further operations; what it does later fails.
     pub(crate) fn give_out_after(&self, operations: u64) {
         self.disk().operations_left = Some(operations);
     }
 
     /// The disk, for one operation.
-    fn admitted(&self, what: Operation) -> io::Result<MutexGuard<'_, Disk>> {
+    pub(super) fn admitted(&self, what: Operation) -> io::Result<MutexGuard<'_, Disk>> {
         let mut disk = self.disk();
         disk.admit(self.life, what)?;
         Ok(disk)
@@ -129,6 +135,10 @@ impl Storage for SimulatedStorage {
         Ok(Arc::new(file))
     }
 
+    fn open_to_read(&self, path: &Path) -> io::Result<Arc<dyn StoredFile>> {
+        self.open(path, false)
+    }
+
     fn read(&self, path: &Path, bytes_max: u64) -> io::Result<Vec<u8>> {
         let disk = self.admitted(Operation::Read)?;
         let file = disk.file(path)?;
@@ -157,8 +167,12 @@ impl Storage for SimulatedStorage {
             return Ok(());
         }
         match (moved, disk.node(to).ok()) {
-            (Node::File(_), Some(Node::Folder)) => return Err(io::ErrorKind::IsADirectory.into()),
-            (Node::Folder, Some(Node::File(_))) => return Err(io::ErrorKind::NotADirectory.into()),
+            (Node::File(_) | Node::Link, Some(Node::Folder)) => {
+                return Err(io::ErrorKind::IsADirectory.into());
+            }
+            (Node::Folder, Some(Node::File(_) | Node::Link)) => {
+                return Err(io::ErrorKind::NotADirectory.into());
+            }
             (Node::Folder, Some(Node::Folder)) if disk.below(to).next().is_some() => {
                 return Err(io::ErrorKind::DirectoryNotEmpty.into());
             }
@@ -177,9 +191,12 @@ impl Storage for SimulatedStorage {
 
     fn remove(&self, path: &Path) -> io::Result<()> {
         let mut disk = self.admitted(Operation::Write { grows_by: 0 })?;
-        let id = disk.file(path)?;
+        match disk.node(path)? {
+            Node::Folder => return Err(io::ErrorKind::IsADirectory.into()),
+            Node::File(id) => disk.unlink(id),
+            Node::Link => {}
+        }
         disk.names.remove(path);
-        disk.unlink(id);
         Ok(())
     }
 
@@ -189,13 +206,23 @@ impl Storage for SimulatedStorage {
         for folder in path.ancestors() {
             match disk.node(folder) {
                 Ok(Node::Folder) => break,
-                Ok(Node::File(_)) if folder == path => return Err(io::ErrorKind::AlreadyExists.into()),
-                Ok(Node::File(_)) => return Err(io::ErrorKind::NotADirectory.into()),
+                Ok(_) if folder == path => return Err(io::ErrorKind::AlreadyExists.into()),
+                Ok(_) => return Err(io::ErrorKind::NotADirectory.into()),
                 Err(_) => missing.push(folder.to_owned()),
             }
         }
         missing.iter().for_each(|folder| disk.put(folder, Node::Folder));
         Ok(())
+    }
+
+    fn folder(&self, path: &Path) -> io::Result<Arc<dyn StoredFolder>> {
+        let disk = self.admitted(Operation::Look)?;
+        if disk.node(path)? != Node::Folder {
+            return Err(io::ErrorKind::NotADirectory.into());
+        }
+        // What whoever runs the simulation opens belongs to the process of this moment, as a file does.
+        let opened = SimulatedStorage { disk: self.disk.clone(), life: Some(disk.life) };
+        Ok(Arc::new(SimulatedFolder::new(opened, path)))
     }
 
     fn list(&self, path: &Path) -> io::Result<Vec<PathBuf>> {
@@ -215,7 +242,7 @@ impl Storage for SimulatedStorage {
     fn owner_and_mode(&self, path: &Path) -> io::Result<(u32, u32)> {
         let mode = match self.admitted(Operation::Look)?.node(path)? {
             Node::Folder => FOLDER_MODE,
-            Node::File(_) => FILE_MODE,
+            Node::File(_) | Node::Link => FILE_MODE,
         };
         Ok((SIMULATED_UID, mode))
     }

@@ -60,6 +60,15 @@ impl SimulatedWorker {
         }
     }
 
+    /// Runs everything that waits, and what that hands over, whenever it would be due.
+    pub(crate) fn finish(&self) {
+        loop {
+            let job = self.jobs().waiting.pop_first();
+            let Some((_, job)) = job else { return };
+            run_contained(job);
+        }
+    }
+
     /// The process ends: each job that waits is lost, done, or half done. For the last one `limit` is told how
     /// many operations of the disk it gets before the process is no more.
     pub(crate) fn give_up(&self, rng: &mut SimulatedRng, limit: impl Fn(u64)) {

@@ -1,38 +1,66 @@
 //! `sk ls`: the channels.
 
-use crate::arguments::{Arguments, Ls};
-use crate::output::{print, safe};
-use crate::session::{Session, Visit};
-use sk_core::flow::SkFlowSat;
+use crate::arguments::Arguments;
+use crate::output::{json, safe};
+use crate::session::{Link, Visit};
+use crate::table::table;
+use clap::Args;
+use sk_core::flow::ChannelKind;
+use sk_core::flow::report::{GraphChannel, GraphReport};
 use sk_core::flow::satellite::ChannelInfo;
 use sk_core::prelude::*;
+use sk_flat::FromVariant;
+use std::collections::BTreeMap;
 
-struct Lister {
-    hub: Handle<SkFlowSat>,
-    part: String,
-    json: bool,
+#[derive(Args, Debug, Clone)]
+pub struct Ls {
+    /// Only channels whose name contains this
+    pub part: Option<String>,
+    /// Also the services of the hub's own
+    #[arg(long)]
+    pub all: bool,
 }
-
-object! { Lister { slots { on_entered() } } }
 
 pub fn run(arguments: &Arguments, task: &Ls) -> Result<(), String> {
-    let mut visit = Visit::begin(arguments)?;
-    let (hub, session): (_, Handle<Session>) = (visit.hub, visit.session);
-    let part = task.part.clone().unwrap_or_default();
-    let cx = visit.app.cx();
-    let lister = cx.spawn(Lister { hub, part, json: task.json });
-    attach!(cx, session.entered => lister.on_entered);
-    visit.run()
+    let (task, as_json) = (task.clone(), arguments.json);
+    Visit::once(arguments, move |cx, link| {
+        link.hub.inspect(cx, "graph", move |cx, told| {
+            let text = told.and_then(|told| listed(cx, link, &told, &task, as_json));
+            link.end(cx, text);
+        });
+    })
 }
 
-impl Lister {
-    fn on_entered(&mut self, cx: &mut Cx) -> Result<(), String> {
-        let mut channels = self.hub.channels(cx);
-        channels.retain(|channel| channel.name.contains(&self.part));
-        let text = if self.json { as_json(&channels)? } else { as_table(&channels) };
-        cx.quit();
-        print(cx, &text)
+fn listed(cx: &mut Cx, link: Link, told: &SkVariant, task: &Ls, as_json: bool) -> Result<String, String> {
+    let graph = GraphReport::from_variant(told).map_err(|error| error.to_string())?;
+    let known: BTreeMap<&str, &GraphChannel> =
+        graph.channels.iter().map(|channel| (channel.name.as_str(), channel)).collect();
+    let part = task.part.as_deref().unwrap_or_default();
+    let is_hubs_own = |channel: &ChannelInfo| channel.owner == 0 && channel.kind == ChannelKind::Service;
+    let mut channels = link.hub.channels(cx);
+    channels.retain(|channel| channel.name.contains(part) && (task.all || !is_hubs_own(channel)));
+    if as_json {
+        return channels.iter().map(|channel| json(&as_object(channel, &known))).collect();
     }
+    if channels.is_empty() {
+        return Ok("no channels\n".to_owned());
+    }
+    let row = |channel: &ChannelInfo| {
+        let graph = known.get(channel.name.as_str());
+        let owner = graph.map_or("?", |graph| graph.owner.as_str());
+        let heard = graph.map_or(0, |graph| graph.subscribers.len());
+        vec![
+            safe(&channel.name),
+            channel.kind.to_string(),
+            safe(owner),
+            if heard == 0 { String::new() } else { heard.to_string() },
+            property(channel, "rate"),
+            property(channel, "unit"),
+            property(channel, "doc"),
+        ]
+    };
+    let rows: Vec<Vec<String>> = channels.iter().map(row).collect();
+    Ok(table(&["CHANNEL", "KIND", "OWNER", "HEARD BY", "RATE", "UNIT", "WHAT"], &rows))
 }
 
 fn property(channel: &ChannelInfo, key: &str) -> String {
@@ -43,39 +71,15 @@ fn property(channel: &ChannelInfo, key: &str) -> String {
     }
 }
 
-fn as_table(channels: &[ChannelInfo]) -> String {
-    if channels.is_empty() {
-        return "no channels\n".to_owned();
-    }
-    let rows: Vec<[String; 3]> = channels
-        .iter()
-        .map(|channel| [safe(&channel.name), property(channel, "unit"), property(channel, "doc")])
-        .collect();
-    let head = ["CHANNEL", "UNIT", "WHAT"].map(str::to_owned);
-    let width = |column: usize| {
-        rows.iter()
-            .chain([&head])
-            .map(|row| row[column].chars().count())
-            .max()
-            .unwrap_or(0)
-    };
-    let (name_width, unit_width) = (width(0), width(1));
-    let line = |row: &[String; 3]| {
-        let [name, unit, what] = row;
-        let line = format!("{name:name_width$}  {unit:unit_width$}  {what}");
-        format!("{}\n", line.trim_end())
-    };
-    std::iter::once(&head).chain(&rows).map(line).collect()
-}
-
-fn as_json(channels: &[ChannelInfo]) -> Result<String, String> {
-    let line = |channel: &ChannelInfo| {
-        let object = SkVariant::map([
-            ("name", SkVariant::from(channel.name.as_str())),
-            ("id", SkVariant::from(channel.channel.id)),
-            ("properties", channel.properties.variant()),
-        ]);
-        object.to_json().map(|json| json + "\n").map_err(|error| error.to_string())
-    };
-    channels.iter().map(line).collect()
+fn as_object(channel: &ChannelInfo, known: &BTreeMap<&str, &GraphChannel>) -> SkVariant {
+    let graph = known.get(channel.name.as_str());
+    let names = graph.map_or(&[][..], |graph| &graph.subscribers);
+    SkVariant::map([
+        ("name", channel.name.as_str().into()),
+        ("id", channel.channel.id.into()),
+        ("kind", channel.kind.to_string().into()),
+        ("owner", graph.map_or(SkVariant::Null, |graph| graph.owner.as_str().into())),
+        ("subscribers", SkVariant::list(names.iter().map(String::as_str))),
+        ("properties", channel.properties.variant()),
+    ])
 }

@@ -2,14 +2,28 @@
 #![forbid(unsafe_code)]
 
 mod arguments;
+mod call;
+mod database;
+mod doctor;
 mod echo;
+mod graph;
+mod hz;
+mod info;
 mod ls;
+mod machine;
+mod module;
 mod module_new;
+mod names;
 mod output;
+mod password;
+mod publish;
 mod session;
+mod table;
+mod user;
+mod why;
 
-use arguments::{Arguments, Module, Task};
-use clap::Parser;
+use arguments::{Arguments, Completions, Task};
+use clap::{CommandFactory, Parser};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -20,8 +34,18 @@ fn main() -> ExitCode {
     }
     let outcome = match &arguments.task {
         Task::Ls(task) => ls::run(&arguments, task),
+        Task::Info(task) => info::run(&arguments, task),
+        Task::Graph(task) => graph::run(&arguments, task),
         Task::Echo(task) => echo::run(&arguments, task),
-        Task::Module(Module::New(task)) => module_new::run(task),
+        Task::User(task) => user::run(&arguments, task),
+        Task::Pub(task) => publish::run(&arguments, task),
+        Task::Hz(task) => hz::run(&arguments, task),
+        Task::Call(task) => call::run(&arguments, task),
+        Task::Db(task) => database::run(&arguments, task),
+        Task::Module(task) => module::run(&arguments, task),
+        Task::Why(task) => why::run(&arguments, task),
+        Task::Doctor => doctor::run(&arguments),
+        Task::Completions(task) => completions(task),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
@@ -30,4 +54,10 @@ fn main() -> ExitCode {
             ExitCode::FAILURE
         }
     }
+}
+
+fn completions(task: &Completions) -> Result<(), String> {
+    let mut text = Vec::new();
+    clap_complete::generate(task.shell, &mut Arguments::command(), "sk", &mut text);
+    output::write(&text).map(|_| ())
 }

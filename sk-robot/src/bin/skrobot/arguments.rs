@@ -1,10 +1,11 @@
 //! What can be typed, and the configuration that follows from it, the environment and the file.
 
 use clap::Parser;
+use sk_core::flow::HubAddress;
 use sk_core::module::ModuleClass;
 use sk_core::world::Storage;
 use sk_flat::Name;
-use sk_robot::config::{Config, TcpAddress};
+use sk_robot::config::{Config, ListenAddress, TcpAddress};
 use sk_robot::{places, supervise};
 use std::path::PathBuf;
 use std::process::Command;
@@ -29,6 +30,13 @@ pub struct Arguments {
     /// 127.0.0.1:4141]. Anything but loopback is reachable from the network, and the link is not encrypted
     #[arg(long, env = "SKROBOT_TCP", value_name = "ADDRESS", value_parser = tcp)]
     pub tcp: Option<Tcp>,
+    /// One more address to listen at, of any kind: ws:HOST:PORT/flow, tls:HOST:PORT, wss:HOST:PORT/flow,
+    /// tty:DEVICE?baud=115200, tcp:HOST:PORT, unix:PATH; can be given several times
+    #[arg(long, value_name = "ADDRESS")]
+    pub listen: Vec<HubAddress>,
+    /// The PEM files of the certificate that is shown at tls: and wss: addresses, and of its key
+    #[arg(long, num_args = 2, value_names = ["CERTIFICATE", "KEY"])]
+    pub tls: Vec<PathBuf>,
     /// The account that owns the hub; its name begins its channels' names [default: robot]
     #[arg(long, env = "SKROBOT_ACCOUNT", value_name = "NAME")]
     pub account: Option<String>,
@@ -80,6 +88,13 @@ impl Arguments {
         }
         if let Some(tcp) = &self.tcp {
             config.listen.tcp.clone_from(&tcp.0);
+        }
+        if !self.listen.is_empty() {
+            config.listen.addresses = self.listen.iter().cloned().map(ListenAddress).collect();
+        }
+        if let [certificate, key] = self.tls.as_slice() {
+            config.listen.tls_certificate = Some(certificate.display().to_string());
+            config.listen.tls_key = Some(key.display().to_string());
         }
         if let Some(account) = &self.account {
             let name = account.parse::<Name>().and_then(|name| Name::compose(&name, &name));

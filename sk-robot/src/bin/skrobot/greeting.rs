@@ -4,6 +4,7 @@ use crate::keeper::Keeper;
 use sk_core::flow::HubAddress;
 use sk_core::module::ModuleState;
 use sk_core::prelude::*;
+use sk_robot::module_service;
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::Path;
@@ -22,6 +23,10 @@ pub fn greeting(cx: &mut Cx, keeper: Handle<Keeper>) -> Result<String, Access> {
         let hub = keeper.hub();
         (hub.server, hub.modules, hub.addresses().to_vec(), hub.places().token())
     })?;
+    let (account, fingerprint) = cx.with(keeper, |keeper, _| {
+        let hub = keeper.hub();
+        (hub.config().hub.account.clone(), hub.fingerprint().map(str::to_owned))
+    })?;
     let mut text = format!("skrobot {} is pulsing\n", env!("CARGO_PKG_VERSION"));
     let channels = server.channels(cx)?;
     // Writing to a string cannot fail.
@@ -32,7 +37,16 @@ pub fn greeting(cx: &mut Cx, keeper: Handle<Keeper>) -> Result<String, Access> {
         };
         let _ = writeln!(text, "  listens on  {address}  ({how})");
     }
-    let names: Vec<&str> = channels.iter().map(|(name, _)| name.as_str()).collect();
+    if let Some(fingerprint) = fingerprint {
+        let _ = writeln!(text, "  shows       a certificate with the fingerprint {fingerprint}");
+    }
+    // The service of the modules is there always.
+    let own = format!("{account}.{}", module_service::NAME);
+    let names: Vec<&str> = channels
+        .iter()
+        .map(|(name, _)| name.as_str())
+        .filter(|name| *name != own)
+        .collect();
     let _ = writeln!(
         text,
         "  channels    {}",

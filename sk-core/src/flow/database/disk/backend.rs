@@ -1,5 +1,6 @@
 //! A file of a world's storage as the engine wants it. So the simulated disk with its faults runs beneath it.
 
+use crate::testing::{Bug, is_planted};
 use crate::world::StoredFile;
 use redb::StorageBackend;
 use std::fmt;
@@ -28,6 +29,9 @@ impl StorageBackend for Backend {
     }
 
     fn sync_data(&self) -> io::Result<()> {
+        if is_planted(Bug::AckBeforeSync) {
+            return Ok(());
+        }
         self.0.sync()
     }
 

@@ -4,6 +4,7 @@ use super::backend::Backend;
 use super::transactions::{FileError, contents, of_engine, read_about};
 use super::{CACHE_BYTES_MAX, DATABASES, FILE, STORE_FORMAT, Store, VARIABLES, contained};
 use crate::flow::database::{DatabaseName, Saved};
+use crate::testing::{Bug, is_planted};
 use crate::world::{Storage, StoredFile};
 use redb::{Builder, Database, ReadableDatabase, ReadableTable, ReadableTableMetadata};
 use std::ffi::OsString;
@@ -49,6 +50,16 @@ pub enum StoreError {
         #[source]
         error: io::Error,
     },
+    /// The file was damaged and is set aside, and then the disk failed before there was a new one. Nobody is told of
+    /// the damage later.
+    #[error("{damage}; but that failed: {error}")]
+    NotBegun {
+        /// What was found.
+        damage: Damage,
+        /// What the system said.
+        #[source]
+        error: io::Error,
+    },
     /// The file was written by another version. It is left as it is.
     #[error(
         "the hub's databases at {} are of the format {found}, this build knows {STORE_FORMAT}: start the version that wrote them, or move the file away",
@@ -89,14 +100,18 @@ impl Store {
             Err(Unusable::Format(found)) => return Err(StoreError::Format { path, found }),
             Err(Unusable::Damaged(why)) => {
                 let set_aside = set_aside(&*storage, &path).map_err(disk)?;
-                Some(Damage { why, set_aside })
+                Some(Damage { why, set_aside }).filter(|_| !is_planted(Bug::DamageUntold))
             }
         };
-        begin(&storage, &path).map_err(disk)?;
+        let not_begun = |error| match damage.clone() {
+            Some(damage) => StoreError::NotBegun { damage, error },
+            None => disk(error),
+        };
+        begin(&storage, &path).map_err(not_begun)?;
         let (engine, saved) = try_open(&storage, &path).map_err(|unusable| match unusable {
-            Unusable::Disk(error) => disk(error),
+            Unusable::Disk(error) => not_begun(error),
             Unusable::Format(found) => StoreError::Format { path: path.clone(), found },
-            Unusable::Damaged(why) => disk(io::Error::other(why)),
+            Unusable::Damaged(why) => not_begun(io::Error::other(why)),
         })?;
         Ok(Opened { store: Store { storage, path, engine: Some(engine) }, saved, damage })
     }

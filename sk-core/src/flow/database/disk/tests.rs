@@ -3,7 +3,7 @@
 use super::*;
 use crate::flow::Value;
 use crate::flow::database::{Contents, DatabaseName, Saved};
-use crate::world::{SimulatedRng, SimulatedStorage, StoredFile};
+use crate::world::{DiskFaults, SimulatedRng, SimulatedStorage, StoredFile, StoredFolder};
 use std::collections::BTreeMap;
 use std::io;
 use std::path::Path;
@@ -78,6 +78,9 @@ impl Storage for Failing {
         let file = self.disk.open(path, create)?;
         Ok(Arc::new(FailingFile { file, disk: self.disk.clone(), trouble: self.trouble.clone() }))
     }
+    fn open_to_read(&self, path: &Path) -> io::Result<Arc<dyn StoredFile>> {
+        self.open(path, false)
+    }
     fn read(&self, path: &Path, bytes_max: u64) -> io::Result<Vec<u8>> {
         self.disk.read(path, bytes_max)
     }
@@ -92,6 +95,9 @@ impl Storage for Failing {
     }
     fn create_dir(&self, path: &Path) -> io::Result<()> {
         self.disk.create_dir(path)
+    }
+    fn folder(&self, path: &Path) -> io::Result<Arc<dyn StoredFolder>> {
+        self.disk.folder(path)
     }
     fn list(&self, path: &Path) -> io::Result<Vec<PathBuf>> {
         self.disk.list(path)
@@ -368,6 +374,21 @@ fn damaged_files_are_set_aside_one_beside_the_other_and_told_in_words() {
         assert_eq!(damage.set_aside, PathBuf::from(format!("{FILE_PATH}.damaged-{number}")));
         assert!(damage.to_string().contains("set aside as /state/databases.redb.damaged-"), "{damage}");
     }
+}
+
+/// Found by the simulation: the next start finds no file and no damage, so this one has to tell.
+#[test]
+fn a_start_that_fails_behind_a_damage_tells_the_damage() {
+    let disk = Arc::new(SimulatedStorage::new());
+    disk.create_dir(Path::new("/state")).expect("a folder");
+    disk.replace(Path::new(FILE_PATH), b"this is no store").expect("a file");
+    let faults = DiskFaults { sync_errors: 1024, ..DiskFaults::default() };
+    disk.set_faults(faults, SimulatedRng::new(1, 1));
+    let refused = Store::open(disk.clone(), FILE_PATH.into());
+    let Err(error @ StoreError::NotBegun { .. }) = refused else { panic!("{refused:?}") };
+    assert!(error.to_string().contains("databases.redb.damaged-1"), "{error}");
+    disk.set_faults(DiskFaults::default(), SimulatedRng::new(1, 1));
+    assert!(opened(disk).damage.is_none());
 }
 
 #[test]

@@ -8,6 +8,7 @@ use super::super::super::limits::WATCHES_PER_FLOW_MAX;
 use super::super::super::{Event, Flags, Form, Message, Value};
 use super::super::{ConnectionId, ServerCore};
 use super::access::Access;
+use crate::testing::{Bug, is_planted};
 use std::sync::Arc;
 
 /// One watch of a flow.
@@ -190,7 +191,8 @@ impl Watch {
                 return Some(self.caught_up(until));
             }
             self.cursor = change.sequence;
-            if !change.key.starts_with(&*self.prefix) {
+            let forgotten = is_planted(Bug::WatchForgotten) && change.sequence.is_multiple_of(4);
+            if forgotten || !change.key.starts_with(&*self.prefix) {
                 continue;
             }
             let (sequence, key) = (change.sequence, change.key.to_owned());

@@ -1,5 +1,8 @@
 //! The rules of the hub, with its two sides talking through memory.
 
+#[cfg(feature = "store")]
+mod accounts;
+mod blobs;
 mod channels;
 mod databases;
 mod deadlines;
@@ -10,17 +13,26 @@ mod policies;
 mod polling;
 mod reliable;
 mod replicas;
+#[cfg(feature = "store")]
+mod rights;
+#[cfg(feature = "store")]
+mod rights_matrix;
+#[cfg(feature = "store")]
+mod rights_model;
 mod service_limits;
 mod services;
 mod sessions;
 #[cfg(feature = "store")]
 mod stored;
 mod sync;
+mod udp;
 mod watches;
 
 use super::super::limits::*;
 use super::super::satellite::{Credentials, SatelliteCore, SatelliteEvent};
-use super::super::{ChannelRef, Command, Flags, Form, Header, Inbound, Policy, Properties, Rights, Tagged};
+use super::super::{
+    ChannelKind, ChannelRef, Command, Flags, Form, Header, Inbound, Policy, Properties, Right, Rights, Tagged,
+};
 use super::*;
 use bytes::Bytes;
 use sk_flat::SkVariant;

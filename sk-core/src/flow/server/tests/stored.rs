@@ -3,7 +3,9 @@
 use super::*;
 use crate::flow::Value;
 use crate::flow::database::disk::Store;
-use crate::flow::database::{DatabaseStore, StoreAnswer, StoreFailure, StoreRequest};
+use crate::flow::database::{
+    DatabaseName, DatabaseStore, StoreAnswer, StoreFailure, StoreRequest, StoreWork, Stored,
+};
 use crate::world::SimulatedStorage;
 use std::sync::Arc;
 
@@ -36,27 +38,32 @@ fn refused(code: RefusalCode) -> Vec<Event> {
 }
 
 /// A hub with its store, on a disk that outlives both.
-struct Robot {
-    hub: ServerCore,
+pub(super) struct Robot {
+    pub(super) hub: ServerCore,
     store: Store,
     disk: Arc<SimulatedStorage>,
 }
 
 impl Robot {
     fn start(disk: Arc<SimulatedStorage>) -> Robot {
-        let opened = Store::open(disk.clone(), "/state/databases.redb".into()).expect("the disk works");
+        let mut opened = Store::open(disk.clone(), "/state/databases.redb".into()).expect("the disk works");
         assert_eq!(opened.damage, None);
         let mut hub = hub();
         hub.keep_databases(opened.saved);
+        let database = DatabaseName::accounts();
+        let load = StoreRequest { number: 0, database, work: StoreWork::Load };
+        if let Ok(Stored::Contents(Some(accounts))) = &opened.store.perform(vec![load])[0].outcome {
+            hub.keep_accounts(accounts).expect("they are what was written");
+        }
         Robot { hub, store: opened.store, disk }
     }
 
-    fn new() -> Robot {
+    pub(super) fn new() -> Robot {
         Robot::start(Arc::new(SimulatedStorage::new()))
     }
 
     /// The hub is killed and the power fails; what comes back has only the disk.
-    fn die_and_return(self) -> Robot {
+    pub(super) fn die_and_return(self) -> Robot {
         let Robot { hub, store, disk } = self;
         drop(hub);
         disk.power_cut();
@@ -73,7 +80,7 @@ impl Robot {
     }
 
     /// What a worker would do: all that waits in one go. Answers how much that was.
-    fn work(&mut self) -> usize {
+    pub(super) fn work(&mut self) -> usize {
         let requests = self.requests();
         let count = requests.len();
         for answer in self.store.perform(requests) {
@@ -84,7 +91,7 @@ impl Robot {
     }
 
     /// The disk fails at all that waits.
-    fn fail(&mut self) {
+    pub(super) fn fail(&mut self) {
         for request in self.requests() {
             let outcome = Err(StoreFailure("no space left".into()));
             self.hub.stored(StoreAnswer { number: request.number, outcome }, at(0));
@@ -92,7 +99,7 @@ impl Robot {
         while self.hub.work(at(0)) {}
     }
 
-    fn ask(&mut self, raw: &mut Raw, command: &Command) -> Vec<Event> {
+    pub(super) fn ask(&mut self, raw: &mut Raw, command: &Command) -> Vec<Event> {
         let mut answers = raw.ask(&mut self.hub, command);
         while self.work() > 0 {
             answers.extend(tagged(&raw.read(&mut self.hub), 79));

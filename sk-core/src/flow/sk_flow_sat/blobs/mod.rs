@@ -1,0 +1,11 @@
+//! Blob channels of a satellite: files on their way to the hub and from it.
+
+mod downloads;
+mod errands;
+mod objects;
+mod porter;
+mod uploads;
+
+pub(super) use objects::tell_told;
+pub use objects::{BlobProgress, FlowBlob, FlowDownload};
+pub(super) use porter::Porter;
