@@ -107,8 +107,10 @@ fn an_upload_that_was_said_to_be_saved_survives_the_killing_of_the_hub() {
             .expect("it is there");
         app.run();
         robot.kill_hub();
-        let (saved, version) =
-            app.cx().with(client, |client, _| (client.saved, client.version)).expect("it is there");
+        let (saved, version) = app
+            .cx()
+            .with(client, |client, _| (client.saved, client.version))
+            .expect("it is there");
         check(&robot.folder.join("blobs/robot.maps/files"), saved, version);
     }
     let saved = app.cx().with(client, |client, _| client.saved).expect("it is there");
@@ -120,16 +122,18 @@ fn an_upload_that_was_said_to_be_saved_survives_the_killing_of_the_hub() {
 
 /// What readers would see: the version that was saved last, or the one that was on its way.
 fn check(files: &Path, saved: u64, version: u64) {
-    let names: Vec<_> = std::fs::read_dir(files).map_or(Vec::new(), |folder| {
-        folder.map(|entry| entry.expect("readable").file_name()).collect()
-    });
+    let names: Vec<_> = std::fs::read_dir(files)
+        .map_or(Vec::new(), |folder| folder.map(|entry| entry.expect("readable").file_name()).collect());
     if saved == 0 && names.is_empty() {
         return;
     }
     assert_eq!(names, ["f"], "nothing but the file is seen");
     let bytes = std::fs::read(files.join("f")).expect("it is there");
     let found = version_of(&bytes);
-    assert!((saved..=version).contains(&found), "version {found}, of {saved} saved and {version} begun");
+    assert!(
+        (saved..=version).contains(&found),
+        "version {found}, of {saved} saved and {version} begun"
+    );
     assert!(bytes == content(found), "version {found} is not whole");
 }
 
@@ -141,7 +145,11 @@ fn served_again(folder: &Path) {
     owner.arg("--state-dir").arg(folder).args(["blob", "serve", "maps"]).arg(&name);
     // The hub may still be on its way up.
     let mut owner = loop {
-        let mut child = owner.env_remove("SKROBOT_HUB").stdout(Stdio::piped()).spawn().expect("it starts");
+        let mut child = owner
+            .env_remove("SKROBOT_HUB")
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("it starts");
         let mut line = String::new();
         let out = child.stdout.take().expect("piped");
         std::io::BufRead::read_line(&mut std::io::BufReader::new(out), &mut line).expect("readable");

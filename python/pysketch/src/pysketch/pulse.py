@@ -20,7 +20,8 @@ class Pulse(object):
     `coarse` waits one interval after each tick, in which it reads what comes, and loses time by design. `realtime`
     keeps to a schedule: it sleeps short of the deadline and spins the rest, so nothing drifts; what comes is read after
     the tick. `select-io` ticks whenever the hub sends something, and at the latest after one interval. `synced` ticks
-    when a tick of the hub came.
+    when a tick of the hub came. `due` is when the next tick of the first two comes, in seconds of `monotonic`; None before
+    the first wait.
     """
 
     def __init__(self, mode, interval):
@@ -34,7 +35,7 @@ class Pulse(object):
         if not interval > 0:
             raise ValueError("an interval is longer than 0 s, not %r" % (interval,))
         self.mode, self.interval = mode, float(interval)
-        self._next = None
+        self.due = None
         self._margin = min(_MARGIN_FIRST_S, self.interval / 2)
         self._synced = False
         if mode == REALTIME:
@@ -62,27 +63,27 @@ class Pulse(object):
         return True
 
     def _wait_coarsely(self, link, wants_write):
-        if self._next is None:
-            self._next = monotonic() + self.interval
-        readable, writable = look(link, wants_write, max(0, self._next - monotonic()))
-        error = monotonic() - self._next
+        if self.due is None:
+            self.due = monotonic() + self.interval
+        readable, writable = look(link, wants_write, max(0, self.due - monotonic()))
+        error = monotonic() - self.due
         if error < 0:
             return False, readable, writable
-        self._next = None
+        self.due = None
         return self._tick(error), readable, writable
 
     def _wait_until(self, link, wants_write):
         now = monotonic()
-        if self._next is None:
-            self._next = now + self.interval
-        if now > self._next:
-            behind = int((now - self._next) / self.interval)
+        if self.due is None:
+            self.due = now + self.interval
+        if now > self.due:
+            behind = int((now - self.due) / self.interval)
             self.statistics.missed += behind
             self.statistics.overruns += 1
-            self._next += behind * self.interval
+            self.due += behind * self.interval
         readable, writable = False, False
         while True:
-            left = self._next - monotonic() - self._margin
+            left = self.due - monotonic() - self._margin
             if left <= 0:
                 break
             if readable or link is None:
@@ -93,11 +94,11 @@ class Pulse(object):
                 if writable:
                     return False, readable, writable
         woke = monotonic()
-        while woke < self._next:
+        while woke < self.due:
             woke = monotonic()
-        error = woke - self._next
+        error = woke - self.due
         self._adapt(error)
-        self._next += self.interval
+        self.due += self.interval
         if not readable:
             readable, writable = look(link, wants_write, 0)
         return self._tick(error), readable, writable
