@@ -49,13 +49,18 @@ class Blobs(HubTest):
     def test_files_are_moved_and_removed_and_refusals_are_told(self):
         self.store.upload("one", b"1" * 2000, self.outcomes.append)
         self.done(1)
-        self.store.move("one", "two", self.outcomes.append)
-        self.store.remove_file("two", self.outcomes.append)
-        self.store.remove_file("three", self.outcomes.append)
-        self.store.mkdir("../out", self.outcomes.append)
-        outcomes = self.done(5)
-        self.assertEqual(outcomes[:3], [None, None, None])
-        self.assertEqual([refusal.code for refusal in outcomes[3:]], ["NoSuchPath", "BadPath"])
+        codes = {}
+
+        def note(what):
+            def then(error):
+                codes[what] = error and error.code
+            return then
+        self.store.move("one", "two", note("move"))
+        self.store.remove_file("two", note("remove"))
+        self.store.remove_file("three", note("missing"))
+        self.store.mkdir("../out", note("outside"))
+        self.until(lambda: len(codes) == 4, self.owner)
+        self.assertEqual(codes, {"move": None, "remove": None, "missing": "NoSuchPath", "outside": "BadPath"})
         with connect(self.hub.unix) as hub:
             with self.assertRaises(Refused) as caught:
                 hub.read_file("robot.store", "two")
