@@ -5,8 +5,8 @@ import shutil
 import tempfile
 import unittest
 
-from hub import HubTest, offers_blobs
-from pysketch import Refused, connect
+from hub import Hub, HubTest, Patience, offers_blobs
+from pysketch import FlowSat, Refused, connect
 
 
 class Blobs(HubTest):
@@ -31,7 +31,7 @@ class Blobs(HubTest):
         with open(path, "wb") as file:
             file.write(data)
         self.store.mkdir("maps", self.outcomes.append)
-        self.store.upload("maps/a.bin", path, self.outcomes.append)
+        self.store.upload_file("maps/a.bin", path, self.outcomes.append)
         self.store.upload("empty", bytearray(), self.outcomes.append)
         self.assertEqual(self.done(3), [None, None, None])
         reader, got = self.sat(), []
@@ -65,6 +65,27 @@ class Blobs(HubTest):
             with self.assertRaises(Refused) as caught:
                 hub.read_file("robot.store", "two")
             self.assertEqual(caught.exception.code, "NoSuchPath")
+
+
+class Interruption(Patience):
+    """A hub that is killed in the middle of an upload."""
+
+    def test_an_upload_goes_on_where_the_hub_has_it(self):
+        hub = self.keep_hub(Hub("--without", "host"))
+        if not offers_blobs(hub):
+            self.skipTest("this hub has no blob channels")
+        data, outcomes = os.urandom(4000000), []
+        sat = self.keep(FlowSat(hub.unix, interval=0.01))
+        upload = sat.store("store").upload("big", data, outcomes.append)
+        self.until(lambda: upload.sent > 500000, sat)
+        self.assertEqual(outcomes, [])
+        hub.kill()
+        self.until(lambda: not sat.ready, sat)
+        hub.start()
+        self.until(lambda: outcomes, sat)
+        self.assertEqual(outcomes, [None])
+        with connect(hub.unix) as reader:
+            self.assertTrue(reader.read_file("robot.store", "big") == data)
 
 
 if __name__ == "__main__":
