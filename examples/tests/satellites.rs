@@ -81,6 +81,23 @@ fn example_service_answers_its_caller() {
 }
 
 #[test]
+fn example_blob_store_keeps_a_map() {
+    let heard = with_hub("blobs", |at| {
+        // The second time the folder is there already, and the map is replaced.
+        [(); 2].map(|()| {
+            let mut mapper = example("19_blob_store", &at);
+            let heard: Vec<String> = lines(&mut mapper).collect();
+            assert!(mapper.wait().unwrap().success());
+            heard
+        })
+    });
+    for heard in heard {
+        assert_eq!(heard.last().map(String::as_str), Some("here be dragons"), "{heard:?}");
+        assert!(heard.iter().any(|line| line == "floors/1.txt is on the hub's disk"), "{heard:?}");
+    }
+}
+
+#[test]
 fn example_targets_follow_their_source() {
     let (followed, reported) = with_hub("sync", |at| {
         let mut source = example("16_sync_source", &at);

@@ -18,6 +18,18 @@ pub enum Action {
     HearAll(u16, u8, u16),
     /// It gives that subscription up.
     Unhear(u16, u8),
+    /// Its channel of that number repeats another node's: whose, and which.
+    Repeat(u8, u16, u8),
+    /// It repeats nothing any more.
+    RepeatNoMore(u8),
+    /// Its loop's ticks are a clock for others.
+    Tick,
+    /// They are not any more.
+    TickNoMore,
+    /// Its loop follows the ticks of that node: every one, every second, every fourth, or (0) as many as it can.
+    Follow(u16, u8),
+    /// It keeps its own time again.
+    FollowNoMore,
     /// It publishes that many messages of that many bytes on its channel.
     Burst(u8, u16, u32),
     /// It begins a message of that many bytes on its channel and gives it up.
@@ -123,6 +135,14 @@ impl fmt::Display for Action {
                 words(f, "hear-all", &[node.into(), channel.into(), depth.into()])
             }
             Action::Unhear(node, channel) => words(f, "unhear", &[node.into(), channel.into()]),
+            Action::Repeat(channel, node, source) => {
+                words(f, "repeat", &[channel.into(), node.into(), source.into()])
+            }
+            Action::RepeatNoMore(channel) => words(f, "repeat-no-more", &[channel.into()]),
+            Action::Tick => f.write_str("tick"),
+            Action::TickNoMore => f.write_str("tick-no-more"),
+            Action::Follow(node, divisor) => words(f, "follow", &[node.into(), divisor.into()]),
+            Action::FollowNoMore => f.write_str("follow-no-more"),
             Action::Burst(channel, count, bytes) => {
                 words(f, "burst", &[channel.into(), count.into(), bytes.into()])
             }
@@ -163,6 +183,12 @@ impl Action {
             "hear" => Action::Hear(number(words)?, number(words)?, number(words)?),
             "hear-all" => Action::HearAll(number(words)?, number(words)?, number(words)?),
             "unhear" => Action::Unhear(number(words)?, number(words)?),
+            "repeat" => Action::Repeat(number(words)?, number(words)?, number(words)?),
+            "repeat-no-more" => Action::RepeatNoMore(number(words)?),
+            "tick" => Action::Tick,
+            "tick-no-more" => Action::TickNoMore,
+            "follow" => Action::Follow(number(words)?, number(words)?),
+            "follow-no-more" => Action::FollowNoMore,
             "burst" => Action::Burst(number(words)?, number(words)?, number(words)?),
             "abort" => Action::Abort(number(words)?, number(words)?),
             "serve" => Action::Serve,

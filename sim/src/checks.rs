@@ -1,11 +1,12 @@
 //! What is looked at from outside: the hub's books and registries, the loops' counters, the log.
 
 use crate::ledger::{self, Rule};
-use crate::run::{Part, Run, Wishes, channels_of};
+use crate::look::{Wishes, channels_of};
+use crate::run::{Part, Run};
 use crate::{log, script::Role};
-use sk_core::flow::ChannelRef;
 use sk_core::flow::delivery::DropReason;
 use sk_core::flow::server::ServerCore;
+use sk_core::flow::{ChannelKind, ChannelRef};
 use std::collections::BTreeMap;
 
 fn complain(rule: Rule, text: String) {
@@ -124,6 +125,13 @@ pub(crate) fn calm(run: &Run<'_>) {
             restored(core, &run.parts[number], *number, wishes);
         }
         for (connection, channel, counts) in core.subscriptions() {
+            // Ticks go on, and only the newest is kept.
+            if core
+                .channels()
+                .any(|(known, _)| known.reference == channel && known.kind == ChannelKind::Sync)
+            {
+                continue;
+            }
             let key = (connection.wire(), channel);
             let received = ledger::with(|ledger| ledger.received.get(&key).copied().unwrap_or_default());
             let known = wishes.values().any(|wishes| wishes.connection == Some(key.0));

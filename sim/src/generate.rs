@@ -43,6 +43,8 @@ enum Kind {
     Channels,
     Subscriptions,
     Bursts,
+    Replicas,
+    Clocks,
     LargeBursts,
     Aborts,
     Churn,
@@ -126,6 +128,8 @@ impl Draw {
     fn kinds(&mut self, with_scribes: bool) -> Vec<Kind> {
         let sometimes = [
             Kind::LargeBursts,
+            Kind::Replicas,
+            Kind::Clocks,
             Kind::Aborts,
             Kind::Churn,
             Kind::Slowness,
@@ -222,6 +226,21 @@ impl Draw {
                     return add(at_us, node, Action::HearAll(other, channel, depth));
                 }
                 add(at_us, node, Action::Hear(other, channel, depth));
+            }
+            Kind::Replicas if self.one_in(4) => add(at_us, node, Action::RepeatNoMore(channel)),
+            Kind::Replicas => {
+                let source = self.below(CHANNELS) as u8;
+                add(at_us, node, Action::Repeat(channel, other, source));
+            }
+            Kind::Clocks => {
+                let divisor = [0, 1, 2, 4][self.below(4) as usize];
+                let action = match self.below(8) {
+                    0 => Action::TickNoMore,
+                    1 => Action::FollowNoMore,
+                    2..4 => Action::Tick,
+                    _ => Action::Follow(other, divisor),
+                };
+                add(at_us, node, action);
             }
             Kind::Bursts => {
                 add(

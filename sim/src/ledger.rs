@@ -98,12 +98,14 @@ pub(crate) struct Ledger {
     trace: u64,
     /// The next sequence of each origin.
     published: BTreeMap<Origin, u64>,
-    /// The last sequence that each life of a node heard of each origin.
-    heard: BTreeMap<((u16, u16), Origin), u64>,
+    /// The last sequence that each life of a node heard of each origin, by its own channel or by one that repeats it.
+    heard: BTreeMap<((u16, u16), String, Origin), u64>,
     /// By connection and channel.
     pub(crate) received: BTreeMap<(u64, ChannelRef), Received>,
     pub(crate) may_not_hear: BTreeSet<u16>,
     pub(crate) may_not_publish: BTreeSet<u16>,
+    /// Names of channels that repeated another one at some time, each with that one's.
+    pub(crate) repeats: BTreeSet<(String, String)>,
     /// Subscriptions of nodes by the channels' names: whether they must not miss any message, and never were otherwise.
     pub(crate) hears_all: BTreeMap<(u16, String), bool>,
     /// The undisturbed pair: who listens and who speaks; nobody once the hub itself was disturbed.
@@ -251,7 +253,9 @@ impl Ledger {
             return self.complain(Rule::Delivery, text);
         };
         let origin = stamp.origin;
-        if channel_name(origin.node, origin.channel) != name || stamp.reference != reference {
+        let published_as = channel_name(origin.node, origin.channel);
+        let direct = published_as == name;
+        if direct && stamp.reference != reference || !direct && !self.may_repeat(name, &published_as) {
             let text = format!("n{node} heard on {name} {reference} what was published as {stamp:?}");
             return self.complain(Rule::Delivery, text);
         }
@@ -259,7 +263,7 @@ impl Ledger {
             let text = format!("n{node} heard message {} of {name}, which was not published", stamp.sequence);
             return self.complain(Rule::Delivery, text);
         }
-        let before = self.heard.insert(((node, life), origin), stamp.sequence);
+        let before = self.heard.insert(((node, life), name.to_owned(), origin), stamp.sequence);
         if let Some(last) = before
             && stamp.sequence <= last
         {
@@ -269,6 +273,20 @@ impl Ledger {
         if self.pair == Some((node, origin.node)) {
             self.check_pair(&stamp, before);
         }
+    }
+
+    /// Whether a channel repeated that other one at some time, or one that repeated it.
+    fn may_repeat(&self, name: &str, source: &str) -> bool {
+        let (mut reached, mut at) = (vec![name.to_owned()], 0);
+        while let Some(replica) = reached.get(at).cloned() {
+            at += 1;
+            for (_, next) in self.repeats.iter().filter(|(known, _)| *known == replica) {
+                if !reached.contains(next) {
+                    reached.push(next.clone());
+                }
+            }
+        }
+        reached.iter().any(|name| name == source)
     }
 
     fn check_pair(&mut self, stamp: &Stamp, before: Option<u64>) {
@@ -285,6 +303,7 @@ impl Ledger {
 
     /// The last message of an origin that a node's life heard.
     pub(crate) fn last_heard(&self, listener: (u16, u16), origin: Origin) -> Option<u64> {
-        self.heard.get(&(listener, origin)).copied()
+        let name = channel_name(origin.node, origin.channel);
+        self.heard.get(&(listener, name, origin)).copied()
     }
 }

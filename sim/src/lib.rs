@@ -22,6 +22,7 @@ mod checks;
 pub mod generate;
 pub mod ledger;
 pub mod log;
+mod look;
 pub mod run;
 pub mod script;
 pub mod shrink;

@@ -4,7 +4,6 @@ use crate::action::Action;
 use crate::actors::{Identity, Member, Plain, SERVICE, Scribe, Talker, Wild};
 use crate::ledger::{self, Complaint, Rule};
 use crate::script::{Role, Script, Step};
-use crate::stamp::{Origin, channel_name};
 use crate::start::{HubEnd, HubStart, STORE, start_actor};
 use crate::{checks, log};
 use sk_core::flow::{Right, Rights, SkFlowSat, SkFlowServer};
@@ -35,6 +34,8 @@ const ENDING: Duration = Duration::from_secs(4);
 /// The first identifier of a channel that a flow may have.
 const CHANNEL_ID_FIRST: u16 = 1024;
 
+/// Stands for a node's sync channel beside the numbers of its others.
+const CLOCK: u8 = 255;
 /// Identifiers of channels in runs that have too few.
 const CHANNELS_OF_NARROW_RUNS: usize = 3;
 
@@ -96,7 +97,7 @@ pub(crate) struct Part {
     pub(crate) node: Option<Node>,
     pub(crate) actor: Option<Actor>,
     /// Of one inside the hub, on a thread of its own.
-    thread: Option<(SkThread, Remote<Member>)>,
+    pub(crate) thread: Option<(SkThread, Remote<Member>)>,
 }
 
 pub(crate) struct Run<'a> {
@@ -241,6 +242,7 @@ impl<'a> Run<'a> {
         for Step { node, action, .. } in &self.script.steps {
             match action {
                 Action::Open(channel) => _ = wanted.insert((*node, *channel)),
+                Action::Tick => _ = wanted.insert((*node, CLOCK)),
                 Action::Serve => _ = wanted.insert((*node, SERVICE)),
                 _ => {}
             }
@@ -538,60 +540,4 @@ impl<'a> Run<'a> {
         }
         self.judge()
     }
-
-    /// What an honest node should find at the hub, and its connection there.
-    pub(crate) fn wishes(&self, number: u16) -> Option<Wishes> {
-        let part = self.parts.get(&number)?;
-        if part.thread.is_some() {
-            return None;
-        }
-        let node = self.node_of(number)?;
-        let (ready, connection, (own, wanted)) = node.inspect(|cx| match part.actor? {
-            Actor::Member(member) => {
-                let found = cx.with(member, |m, cx| (m.ready, m.connection(cx), m.wishes()));
-                found.ok()
-            }
-            Actor::Plain(plain) => cx.with(plain, |p, _| (p.ready, p.connection(), p.wishes())).ok(),
-            Actor::Scribe(scribe) => {
-                let none = (Vec::new(), Vec::new());
-                cx.with(scribe, |s, cx| (s.ready, s.connection(cx), none)).ok()
-            }
-            Actor::Hub(_) | Actor::Talker(_) | Actor::Wild(_) => None,
-        })?;
-        Some(Wishes { ready, connection, own, wanted })
-    }
-
-    /// What a node that keeps things still waits for.
-    pub(crate) fn unfinished(&self, number: u16) -> Option<String> {
-        let part = self.parts.get(&number)?;
-        let Some(Actor::Scribe(scribe)) = part.actor else { return None };
-        let looked = part
-            .node
-            .as_ref()?
-            .inspect(|cx| cx.with(scribe, |scribe, _| scribe.unfinished()));
-        looked.ok().flatten()
-    }
-
-    /// The last message of the undisturbed pair: how many were published, and the last that was heard.
-    pub(crate) fn pair(&self) -> Option<(u64, Option<u64>)> {
-        let (listener, speaker) = ledger::with(|ledger| ledger.pair)?;
-        let origin = Origin { node: speaker, life: 0, channel: 0 };
-        Some(ledger::with(|ledger| {
-            (ledger.published_by(origin), ledger.last_heard((listener, 0), origin))
-        }))
-    }
-}
-
-/// What an honest node should find at the hub.
-pub(crate) struct Wishes {
-    pub(crate) ready: bool,
-    pub(crate) connection: Option<u64>,
-    pub(crate) own: Vec<String>,
-    pub(crate) wanted: Vec<String>,
-}
-
-/// The name of every channel that a node without the right to publish would have.
-pub(crate) fn channels_of(node: u16) -> String {
-    let first = channel_name(node, 0);
-    first.trim_end_matches('0').to_owned()
 }

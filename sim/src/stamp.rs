@@ -80,6 +80,11 @@ pub fn own_name(node: u16, channel: u8) -> String {
     format!("n{node}.c{channel}")
 }
 
+/// What a node's sync channel is called, without the account.
+pub fn clock_name(node: u16) -> String {
+    format!("n{node}.t")
+}
+
 /// The account of every hub in a box.
 pub const USER: &str = "robot";
 

@@ -2,7 +2,11 @@
 
 mod program;
 
+use nix::pty::openpty;
+use nix::unistd::ttyname;
 use program::{Hub, Running, failure, lines, new_folder, objects, skrobot, success, text};
+use std::fs::File;
+use std::os::fd::OwnedFd;
 
 fn hub() -> Hub {
     Hub::start_in(new_folder(), &["--tcp", "off", "--without", "host"])
@@ -184,4 +188,38 @@ fn a_hub_without_a_certificate_does_not_listen_where_one_is_shown() {
     let refused = skrobot(&folder).args(["--listen", "nowhere"]).output().unwrap();
     assert_eq!(refused.status.code(), Some(2));
     std::fs::remove_dir_all(&folder).unwrap();
+}
+
+/// Two serial devices joined by a cable. It lasts to the end of the test's process.
+fn cable() -> [String; 2] {
+    let [one, other] = [(); 2].map(|()| openpty(None, None).unwrap());
+    let names = [&one, &other].map(|pty| ttyname(&pty.slave).unwrap().to_str().unwrap().to_owned());
+    let end = |master: &OwnedFd| File::from(master.try_clone().unwrap());
+    for (from, to) in [(&one.master, &other.master), (&other.master, &one.master)] {
+        let (mut from, mut to) = (end(from), end(to));
+        std::thread::spawn(move || std::io::copy(&mut from, &mut to));
+    }
+    // A device that nobody has open would end the copying.
+    std::mem::forget((one, other));
+    names
+}
+
+#[test]
+fn a_hub_is_reached_over_a_serial_line() {
+    let [ours, theirs] = cable();
+    let options = ["--tcp", "off", "--without", "host", "--listen", &format!("tty:{ours}")];
+    let hub = Hub::start_in(new_folder(), &options);
+    assert!(
+        hub.greeting
+            .iter()
+            .any(|line| line.contains(&format!("tty:{ours}?baud=115200"))),
+        "{:?}",
+        hub.greeting
+    );
+    let address = format!("tty:{theirs}");
+    let listed = hub.sk(&["--hub", &address, "ls"]);
+    assert_eq!(success(&listed), "no channels\n");
+    success(&hub.sk(&["--hub", &address, "db", "create", "line"]));
+    success(&hub.sk(&["--hub", &address, "db", "set", "line", "x", "1"]));
+    assert_eq!(success(&hub.sk(&["db", "get", "line", "x"])), "1\n");
 }

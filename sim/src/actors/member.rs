@@ -3,9 +3,9 @@
 use super::{Identity, properties_of};
 use crate::action::Action;
 use crate::ledger;
-use crate::stamp::{Origin, USER, channel_name, own_name};
+use crate::stamp::{Origin, USER, channel_name, clock_name, own_name};
 use sk_core::flow::satellite::ChannelInfo;
-use sk_core::flow::{ChannelRef, FlowMessage, SkFlowSat};
+use sk_core::flow::{ChannelRef, Divisor, FlowMessage, SkFlowSat};
 use sk_core::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -20,6 +20,10 @@ pub(crate) struct Member {
     known: BTreeMap<String, ChannelRef>,
     own: BTreeSet<u8>,
     wanted: BTreeSet<String>,
+    /// Its loop's ticks are a clock for others.
+    ticks: bool,
+    /// The sync channel that its loop follows.
+    follows: Option<String>,
     /// Of one that publishes all the time.
     voice: Option<Handle<Timer>>,
     pub(crate) ready: bool,
@@ -42,6 +46,8 @@ impl Member {
             known: BTreeMap::new(),
             own: BTreeSet::new(),
             wanted: BTreeSet::new(),
+            ticks: false,
+            follows: None,
             voice: None,
             ready: false,
         });
@@ -94,6 +100,39 @@ impl Member {
                     ledger::with(|ledger| ledger.gave_up(connection, *reference));
                 }
             }
+            Action::Repeat(channel, node, source) => {
+                let (replica, source) = (channel_name(self.who.node, channel), channel_name(node, source));
+                if self.hub.repeat(cx, &own_name(self.who.node, channel), &source).is_ok() {
+                    ledger::with(|ledger| ledger.repeats.insert((replica, source)));
+                }
+            }
+            // Refused where there is no such channel, or it is no more.
+            Action::RepeatNoMore(channel) => {
+                let _ = self.hub.repeat_no_more(cx, &own_name(self.who.node, channel));
+            }
+            Action::Tick => {
+                self.ticks = self.hub.sync_source(cx, &clock_name(self.who.node)).is_ok();
+            }
+            Action::TickNoMore => {
+                let _ = self.hub.end_sync_source(cx);
+                self.ticks = false;
+            }
+            Action::Follow(node, divisor) => {
+                let divisor = match divisor {
+                    1 => Divisor::Every,
+                    2 => Divisor::Second,
+                    4 => Divisor::Fourth,
+                    _ => Divisor::Auto,
+                };
+                let name = format!("{USER}.{}", clock_name(node));
+                if node != self.who.node && self.hub.sync_to(cx, &name, divisor).is_ok() {
+                    self.follows = Some(name);
+                }
+            }
+            Action::FollowNoMore => {
+                let _ = self.hub.end_sync_to(cx);
+                self.follows = None;
+            }
             Action::Burst(channel, count, bytes) => {
                 for _ in 0..count {
                     self.publish(cx, channel, bytes as usize);
@@ -111,7 +150,9 @@ impl Member {
     /// What it should find at the hub: names of its channels, and names it hears.
     pub(crate) fn wishes(&self) -> (Vec<String>, Vec<String>) {
         let own = self.own.iter().map(|channel| channel_name(self.who.node, *channel));
-        (own.collect(), self.wanted.iter().cloned().collect())
+        let clock = self.ticks.then(|| format!("{USER}.{}", clock_name(self.who.node)));
+        let heard = self.wanted.iter().chain(&self.follows).cloned();
+        (own.chain(clock).collect(), heard.collect())
     }
 
     /// The satellite behind.

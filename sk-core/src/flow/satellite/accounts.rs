@@ -7,6 +7,35 @@ use super::{Credentials, SatelliteCore, SatelliteError, databases::List};
 use sk_flat::Name;
 
 /// Whose account, and its password. The keys that were derived for a login serve the next one too.
+///
+/// ```
+/// use sk_core::flow::satellite::{Credentials, PasswordLogin, SatelliteCore, SatelliteEvent};
+/// use sk_core::flow::scram::{ClientKeys, Password, ROUNDS_MIN};
+/// use sk_core::flow::server::{Origin, ServerCore, Settings};
+/// use sk_flat::Instant;
+///
+/// let settings = Settings { user: "robot".parse()?, token: None, owner_uid: None };
+/// let mut hub = ServerCore::new(settings, Instant::ZERO);
+/// let keys = ClientKeys::derive(&Password::new("pencil"), [7; 16], ROUNDS_MIN);
+/// hub.add_account("ada".parse()?, keys.verifier());
+///
+/// let connection = hub.open(Origin::Line, [1; 32], Instant::ZERO)?;
+/// let login = PasswordLogin::new("ada".parse()?, Password::new("pencil"));
+/// let mut ada = SatelliteCore::synchronous(Credentials::Password(login), [2; 32], Instant::ZERO);
+/// for _ in 0..3 {
+///     while let Some(frame) = ada.take() {
+///         hub.accept(connection, frame, Instant::ZERO);
+///     }
+///     while let Some(frame) = hub.take(connection) {
+///         ada.accept(frame, Instant::ZERO)?;
+///     }
+///     if let Some(derivation) = ada.take_derivation() {
+///         ada.derived(&derivation.run())?; // a satellite with a loop lets a worker do this
+///     }
+/// }
+/// assert!(matches!(ada.next_event(), Some(SatelliteEvent::LoggedIn { user, .. }) if user == "ada"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct PasswordLogin {
     user: Name,

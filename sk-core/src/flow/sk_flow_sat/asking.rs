@@ -164,18 +164,32 @@ impl Handle<SkFlowSat> {
     /// The types to read the answers with are those of [`report`](crate::flow::report). Without a hub it is answered
     /// at once that there is none; see [`ready`](SkFlowSat::ready).
     ///
-    /// ```no_run
-    /// use sk_core::flow::{SkFlowSat, report::HubReport};
+    /// ```
+    /// use sk_core::flow::{Rights, SkFlowSat, SkFlowServer, report::HubReport, server::Settings};
     /// use sk_core::prelude::*;
     /// use sk_flat::FromVariant;
     ///
-    /// fn ask(cx: &mut Cx, hub: Handle<SkFlowSat>) {
-    ///     hub.inspect(cx, "hub", |_cx, told| {
-    ///         if let Ok(Ok(report)) = told.map(|told| HubReport::from_variant(&told)) {
-    ///             println!("{} channels", report.channels);
-    ///         }
-    ///     });
+    /// struct Looker { satellite: Handle<SkFlowSat> }
+    /// impl Looker {
+    ///     fn look(&mut self, cx: &mut Cx) {
+    ///         self.satellite.inspect(cx, "hub", |cx, told| {
+    ///             let report = told.map(|told| HubReport::from_variant(&told));
+    ///             assert!(matches!(report, Ok(Ok(HubReport { flows: 1, channels: 0, .. }))));
+    ///             cx.quit();
+    ///         });
+    ///     }
     /// }
+    /// object! { Looker { slots { look() } } }
+    ///
+    /// let mut app = SkApp::builder().mode(TimingMode::SelectIo).build()?;
+    /// let cx = app.cx();
+    /// let hub = SkFlowServer::start(cx, Settings { user: "robot".parse()?, token: None, owner_uid: None });
+    /// let pipe = hub.pipe(cx, Rights::ALL)?;
+    /// let satellite = SkFlowSat::inside(cx, pipe);
+    /// let looker = cx.spawn(Looker { satellite });
+    /// attach!(cx, satellite.ready => looker.look);
+    /// app.run();
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     pub fn inspect(
         self,

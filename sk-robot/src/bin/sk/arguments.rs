@@ -65,6 +65,9 @@ pub enum Task {
     Graph(Graph),
     /// Print what flows on channels
     Echo(Echo),
+    /// Files that blob channels hold
+    #[command(subcommand)]
+    Blob(Blob),
     /// Accounts and their rights
     #[command(subcommand)]
     User(User),
@@ -145,6 +148,49 @@ pub struct Completions {
 pub fn json(text: &str) -> Result<SkVariant, String> {
     let hint = "a text stands between quotes, which the shell takes away: '\"text\"'";
     SkVariant::from_json(text).map_err(|error| format!("this is no JSON: {error}; {hint}"))
+}
+
+#[derive(Subcommand, Debug)]
+pub enum Blob {
+    /// List a folder
+    Ls(BlobLook),
+    /// Tell the length and the checksum of a file
+    Stat(BlobLook),
+    /// Download a file; it appears when it is whole
+    Get(BlobGet),
+    /// Open a blob channel of your own, with what it held before and these files, until Ctrl-C
+    Serve(BlobServe),
+}
+
+#[derive(Args, Debug, Clone)]
+pub struct BlobPlace {
+    /// The channel, with or without the account: robot.maps or maps
+    pub channel: String,
+    /// The path inside it
+    #[arg(default_value = "")]
+    pub path: String,
+}
+
+#[derive(Args, Debug)]
+pub struct BlobLook {
+    #[command(flatten)]
+    pub place: BlobPlace,
+}
+
+#[derive(Args, Debug)]
+pub struct BlobGet {
+    #[command(flatten)]
+    pub place: BlobPlace,
+    /// Where to write it: a file or a folder [default: its name, here]
+    pub file: Option<PathBuf>,
+}
+
+#[derive(Args, Debug)]
+pub struct BlobServe {
+    /// The channel's name without the account
+    pub name: String,
+    /// Files to upload
+    pub files: Vec<PathBuf>,
 }
 
 #[derive(Args, Debug)]

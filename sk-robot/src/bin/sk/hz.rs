@@ -186,7 +186,9 @@ mod tests {
     #[test]
     fn mean_and_deviation_are_those_of_all_intervals() {
         let mut intervals = Intervals::default();
-        [0.1, 0.2, 0.3].into_iter().for_each(|seconds| intervals.add(seconds));
+        for seconds in [0.1, 0.2, 0.3] {
+            intervals.add(seconds);
+        }
         assert!((intervals.mean - 0.2).abs() < 1e-12 && (intervals.rate() - 5.0).abs() < 1e-9);
         assert!((intervals.deviation() - 0.1).abs() < 1e-12);
         assert_eq!((intervals.least, intervals.most), (0.1, 0.3));

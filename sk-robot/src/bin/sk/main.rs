@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 mod arguments;
+mod blob;
 mod call;
 mod database;
 mod doctor;
@@ -37,6 +38,7 @@ fn main() -> ExitCode {
         Task::Info(task) => info::run(&arguments, task),
         Task::Graph(task) => graph::run(&arguments, task),
         Task::Echo(task) => echo::run(&arguments, task),
+        Task::Blob(task) => blob::run(&arguments, task),
         Task::User(task) => user::run(&arguments, task),
         Task::Pub(task) => publish::run(&arguments, task),
         Task::Hz(task) => hz::run(&arguments, task),

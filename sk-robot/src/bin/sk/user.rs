@@ -3,18 +3,17 @@
 use crate::arguments::{Arguments, Granted, User};
 use crate::output::{print, safe};
 use crate::password;
-use crate::session::{self, Session, Visit};
+use crate::session::{self, Link, Visit};
 use sk_core::flow::rights::{Pattern, RIGHT_PREFIX, read_right};
 use sk_core::flow::satellite::AccountInfo;
 use sk_core::flow::scram::Password;
-use sk_core::flow::{FlowDatabase, Right, SkFlowSat};
+use sk_core::flow::{FlowDatabase, Right};
 use sk_core::prelude::*;
 use std::collections::BTreeSet;
 
 /// One command about accounts, on its way.
 struct Manager {
-    hub: Handle<SkFlowSat>,
-    session: Handle<Session>,
+    link: Link,
     task: User,
     /// The answer is for a program.
     json: bool,
@@ -35,39 +34,30 @@ pub fn run(arguments: &Arguments, task: &User) -> Result<(), String> {
         _ => None,
     };
     let mut visit = Visit::begin_as(arguments, credentials)?;
-    let (hub, session) = (visit.hub, visit.session);
+    let session = visit.session;
+    let link = Link { hub: visit.hub, session };
     let cx = visit.app.cx();
     let (task, own, written) = (task.clone(), arguments.user.clone(), String::new());
-    let manager = cx.spawn(Manager { hub, session, task, json: arguments.json, own, new_password, written });
+    let manager = cx.spawn(Manager { link, task, json: arguments.json, own, new_password, written });
     attach!(cx, session.entered => manager.on_entered, Queued);
     visit.run()
 }
 
-/// Ends the program with what came of its command.
-fn finish(cx: &mut Cx, session: Handle<Session>, outcome: Result<String, String>) {
-    let printed = outcome.and_then(|text| print(cx, &text));
-    match printed {
-        Ok(()) => cx.quit(),
-        // A session that is gone has ended the program.
-        Err(why) => drop(cx.with(session, |session, cx| session.fail(cx, why))),
-    }
-}
-
 impl Manager {
     fn on_entered(&mut self, cx: &mut Cx) -> std::io::Result<()> {
-        let session = self.session;
+        let link = self.link;
         match self.task.clone() {
             User::Add { name } => self.add(cx, name),
             User::Passwd { name } if self.own.as_ref() == Some(&name) => self.set(cx, &name, "changed"),
             User::Passwd { name } => self.change(cx, name),
-            User::Remove { name } => self.hub.remove_account(cx, &name.clone(), move |cx, outcome| {
+            User::Remove { name } => self.link.hub.remove_account(cx, &name.clone(), move |cx, outcome| {
                 let removed = format!("account {name} removed; its connections have ended\n");
-                finish(cx, session, outcome.map(|()| removed));
+                link.end(cx, outcome.map(|()| removed));
             }),
             User::List => {
                 let json = self.json;
-                self.hub.accounts(cx, move |cx, accounts| {
-                    finish(cx, session, accounts.map(|accounts| list(&accounts, json)));
+                self.link.hub.accounts(cx, move |cx, accounts| {
+                    link.end(cx, accounts.map(|accounts| list(&accounts, json)));
                 })
             }
             User::Rights { name } => self.show(cx, &name),
@@ -80,7 +70,7 @@ impl Manager {
         self.if_known(cx, name, |manager, cx, name, known| {
             if known {
                 let why = format!("there is an account {name}: `sk user passwd {name}` changes its password");
-                finish(cx, manager.session, Err(why));
+                manager.link.end(cx, Err(why));
                 return Ok(());
             }
             manager.set(cx, name, "added; it has no rights yet: `sk user grant` gives it some")
@@ -90,7 +80,7 @@ impl Manager {
     fn change(&mut self, cx: &mut Cx, name: String) -> std::io::Result<()> {
         self.if_known(cx, name, |manager, cx, name, known| {
             if !known {
-                finish(cx, manager.session, Err(format!("there is no account {name}: `sk user list`")));
+                manager.link.end(cx, Err(format!("there is no account {name}: `sk user list`")));
                 return Ok(());
             }
             manager.set(cx, name, "has a new password")
@@ -103,8 +93,8 @@ impl Manager {
         name: String,
         then: impl FnOnce(&mut Manager, &mut Cx, &str, bool) -> std::io::Result<()> + 'static,
     ) -> std::io::Result<()> {
-        let (this, session) = (cx.this(self), self.session);
-        self.hub.accounts(cx, move |cx, accounts| {
+        let (this, link) = (cx.this(self), self.link);
+        self.link.hub.accounts(cx, move |cx, accounts| {
             let done = accounts.and_then(|accounts| {
                 let known = accounts.iter().any(|account| account.name == name);
                 match cx.with(this, |manager, cx| then(manager, cx, &name, known)) {
@@ -113,38 +103,38 @@ impl Manager {
                 }
             });
             if let Err(why) = done {
-                finish(cx, session, Err(why));
+                link.end(cx, Err(why));
             }
         })
     }
 
     fn set(&mut self, cx: &mut Cx, name: &str, what: &str) -> std::io::Result<()> {
-        let (session, text) = (self.session, format!("account {name} {what}\n"));
+        let (link, text) = (self.link, format!("account {name} {what}\n"));
         let Some(password) = self.new_password.take() else { return Ok(()) };
-        self.hub.set_account(cx, name, password, move |cx, outcome| {
-            finish(cx, session, outcome.map(|()| text));
+        self.link.hub.set_account(cx, name, password, move |cx, outcome| {
+            link.end(cx, outcome.map(|()| text));
         })
     }
 
     // ---- rights ----
 
     fn database(&self, cx: &mut Cx, name: &str) -> std::io::Result<Handle<FlowDatabase>> {
-        self.hub.database(cx, &format!("user:{name}"))
+        self.link.hub.database(cx, &format!("user:{name}"))
     }
 
     fn show(&mut self, cx: &mut Cx, name: &str) -> std::io::Result<()> {
         let database = self.database(cx, name)?;
-        let session = self.session;
+        let link = self.link;
         for right in Right::ALL {
             let last = right == Right::Administer;
             let name = name.to_owned();
             database.get(cx, &key_of(right), move |cx, value| match value {
-                Err(why) => finish(cx, session, Err(format!("account {name}: {why}"))),
+                Err(why) => link.end(cx, Err(format!("account {name}: {why}"))),
                 Ok(value) => {
                     let line = value.map(|value| format!("{:15} {}\n", right.name(), shown(right, &value)));
                     let printed = print(cx, &line.unwrap_or_default());
                     if last || printed.is_err() {
-                        finish(cx, session, printed.map(|()| String::new()));
+                        link.end(cx, printed.map(|()| String::new()));
                     }
                 }
             });
@@ -153,7 +143,7 @@ impl Manager {
     }
 
     fn change_right(&mut self, cx: &mut Cx, granted: Granted, add: bool) -> std::io::Result<()> {
-        let (this, session) = (cx.this(self), self.session);
+        let (this, link) = (cx.this(self), self.link);
         let database = self.database(cx, &granted.name)?;
         attach!(cx, database.done => this.on_done());
         attach!(cx, database.refused => this.on_refused);
@@ -162,7 +152,7 @@ impl Manager {
             let wanted = value.and_then(|value| wanted(right, value.as_ref(), &granted.patterns, add));
             let patterns = match wanted {
                 Ok(patterns) => patterns,
-                Err(why) => return finish(cx, session, Err(format!("account {}: {why}", granted.name))),
+                Err(why) => return link.end(cx, Err(format!("account {}: {why}", granted.name))),
             };
             let texts: Vec<String> = patterns.iter().map(Pattern::to_string).collect();
             let text = match texts.is_empty() {
@@ -176,21 +166,21 @@ impl Manager {
                 false => database.set(cx, &key_of(right), SkVariant::list(texts)),
             };
             if !sent {
-                finish(cx, session, Err("too much waits to be sent".to_owned()));
+                link.end(cx, Err("too much waits to be sent".to_owned()));
             }
         });
         if !asked {
-            finish(cx, session, Err("too much waits to be sent".to_owned()));
+            link.end(cx, Err("too much waits to be sent".to_owned()));
         }
         Ok(())
     }
 
     fn on_done(&mut self, cx: &mut Cx) {
-        finish(cx, self.session, Ok(std::mem::take(&mut self.written)));
+        self.link.end(cx, Ok(std::mem::take(&mut self.written)));
     }
 
     fn on_refused(&mut self, cx: &mut Cx, why: &str) {
-        finish(cx, self.session, Err(why.to_owned()));
+        self.link.end(cx, Err(why.to_owned()));
     }
 }
 

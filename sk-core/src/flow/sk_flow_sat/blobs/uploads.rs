@@ -106,12 +106,11 @@ impl Porter {
 
     pub(super) fn piece_read(&mut self, id: u64, offset: u64, outcome: Result<Bytes, String>) {
         let Some(upload) = self.uploads.get_mut(&id) else { return };
-        let Stage::Sending { sent, reading, .. } = &mut upload.stage else { return };
+        let Stage::Sending { sent, reading, .. } = upload.stage else { return };
         // A piece that was asked for before the hub was lost is of no use any more.
-        if *sent != offset || !*reading {
+        if sent != offset || !reading {
             return;
         }
-        *reading = false;
         match outcome {
             Ok(piece) => self.errands.push_back(Errand::Send { id, offset, piece }),
             Err(why) => self.upload_failed(id, why),
@@ -178,11 +177,13 @@ impl Porter {
     ) -> bool {
         let Some(upload) = self.uploads.get_mut(&id) else { return false };
         let Some(channel) = self.own.get(&upload.blob).and_then(|own| own.channel) else { return false };
-        let Stage::Sending { sent, .. } = &mut upload.stage else { return false };
+        let Stage::Sending { sent, reading, .. } = &mut upload.stage else { return false };
         let length = piece.len() as u64;
         if *sent != offset {
             return false;
         }
+        // What finds no room now is read again.
+        *reading = false;
         let Ok(tag) = core.blob_write(channel, &upload.path, offset, piece) else { return false };
         *sent += length;
         self.sent.insert(tag, Sent::Piece(id, length));
