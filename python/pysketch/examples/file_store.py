@@ -29,7 +29,7 @@ class Uploader(FlowSat):
             return
         name = self.names.pop(0)
         print("storing %s" % name)
-        self.files.upload(name, os.path.join(self.folder, name), self.next)
+        self.files.upload_file(name, os.path.join(self.folder, name), self.next)
 
 
 if sys.argv[1] == "--read":

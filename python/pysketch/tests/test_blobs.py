@@ -5,8 +5,8 @@ import shutil
 import tempfile
 import unittest
 
-from hub import HubTest, offers_blobs
-from pysketch import Refused, connect
+from hub import Hub, HubTest, Patience, offers_blobs
+from pysketch import FlowSat, Refused, connect
 
 
 class Blobs(HubTest):
@@ -31,7 +31,7 @@ class Blobs(HubTest):
         with open(path, "wb") as file:
             file.write(data)
         self.store.mkdir("maps", self.outcomes.append)
-        self.store.upload("maps/a.bin", path, self.outcomes.append)
+        self.store.upload_file("maps/a.bin", path, self.outcomes.append)
         self.store.upload("empty", bytearray(), self.outcomes.append)
         self.assertEqual(self.done(3), [None, None, None])
         reader, got = self.sat(), []
@@ -49,17 +49,43 @@ class Blobs(HubTest):
     def test_files_are_moved_and_removed_and_refusals_are_told(self):
         self.store.upload("one", b"1" * 2000, self.outcomes.append)
         self.done(1)
-        self.store.move("one", "two", self.outcomes.append)
-        self.store.remove_file("two", self.outcomes.append)
-        self.store.remove_file("three", self.outcomes.append)
-        self.store.mkdir("../out", self.outcomes.append)
-        outcomes = self.done(5)
-        self.assertEqual(outcomes[:3], [None, None, None])
-        self.assertEqual([refusal.code for refusal in outcomes[3:]], ["NoSuchPath", "BadPath"])
+        codes = {}
+
+        def note(what):
+            def then(error):
+                codes[what] = error and error.code
+            return then
+        self.store.move("one", "two", note("move"))
+        self.store.remove_file("two", note("remove"))
+        self.store.remove_file("three", note("missing"))
+        self.store.mkdir("../out", note("outside"))
+        self.until(lambda: len(codes) == 4, self.owner)
+        self.assertEqual(codes, {"move": None, "remove": None, "missing": "NoSuchPath", "outside": "BadPath"})
         with connect(self.hub.unix) as hub:
             with self.assertRaises(Refused) as caught:
                 hub.read_file("robot.store", "two")
             self.assertEqual(caught.exception.code, "NoSuchPath")
+
+
+class Interruption(Patience):
+    """A hub that is killed in the middle of an upload."""
+
+    def test_an_upload_goes_on_where_the_hub_has_it(self):
+        hub = self.keep_hub(Hub("--without", "host"))
+        if not offers_blobs(hub):
+            self.skipTest("this hub has no blob channels")
+        data, outcomes = os.urandom(4000000), []
+        sat = self.keep(FlowSat(hub.unix, interval=0.01))
+        upload = sat.store("store").upload("big", data, outcomes.append)
+        self.until(lambda: upload.sent > 500000, sat)
+        self.assertEqual(outcomes, [])
+        hub.kill()
+        self.until(lambda: not sat.ready, sat)
+        hub.start()
+        self.until(lambda: outcomes, sat)
+        self.assertEqual(outcomes, [None])
+        with connect(hub.unix) as reader:
+            self.assertTrue(reader.read_file("robot.store", "big") == data)
 
 
 if __name__ == "__main__":

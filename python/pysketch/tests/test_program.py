@@ -72,6 +72,16 @@ class Program(HubTest):
         self.assertEqual(status, 0, said)
         self.assertEqual(said.count("messages_per_s"), 2)
 
+    def test_every_file_is_in_the_syntax_of_this_python(self):
+        import pysketch
+        folder, names = os.path.dirname(os.path.abspath(pysketch.__file__)), []
+        for name in os.listdir(folder):
+            if name.endswith(".py"):
+                with open(os.path.join(folder, name)) as file:
+                    compile(file.read(), name, "exec")
+                names.append(name)
+        self.assertIn("aio.py", names)
+
     def test_one_copied_file_is_the_whole_package(self):
         self.assertEqual(self.pysketch("bundle")[1], 0)
         self.assertEqual(os.listdir(self.folder), ["pysketch.py"])

@@ -5,6 +5,7 @@ import zlib
 
 from .channels import OwnChannel
 from .connection import Refused
+from .frames import as_bytes
 
 # One command reads or writes so much: several fragments, and little that is lost with a link.
 PIECE_BYTES = 256 * 1024
@@ -33,10 +34,16 @@ class Store(OwnChannel):
         OwnChannel.__init__(self, flow, name, properties)
         self._uploads = []
 
-    def upload(self, path, source, then=None):
-        """Puts a file there: `source` are bytes or the name of a file here. An upload that the loss of the hub interrupted
-        goes on where it stopped. Answers the `Upload`."""
-        upload = Upload(self, path, source, then)
+    def upload(self, path, data, then=None):
+        """Puts bytes there as a file. An upload that the loss of the hub interrupted goes on where it stopped. Answers the
+        `Upload`."""
+        return self._begin(Upload(self, path, as_bytes(data), None, then))
+
+    def upload_file(self, path, file, then=None):
+        """As `upload`, a file of this machine: its name. It is read a piece at a time."""
+        return self._begin(Upload(self, path, None, file, then))
+
+    def _begin(self, upload):
         self._uploads.append(upload)
         if self.opened:
             upload.begin()
@@ -81,9 +88,9 @@ class Store(OwnChannel):
 class Upload(object):
     """A file on its way to the hub: `sent` of `size` bytes."""
 
-    def __init__(self, store, path, source, then):
+    def __init__(self, store, path, data, file, then):
         self._store, self.path, self._then = store, path, store.outcome(then)
-        self._data, self._file = (source, None) if _is_data(source) else (None, source)
+        self._data, self._file = data, file
         self.sent, self.done = 0, False
         self.size, self._checksum = self._measure()
 
@@ -145,11 +152,6 @@ class Upload(object):
             self.done = True
             self._store.over(self)
             self._then(error if error is not None else ("saved", []))
-
-
-def _is_data(source):
-    return isinstance(source, (bytes, bytearray, memoryview)) and not (
-        bytes is str and isinstance(source, str) and len(source) < 1024 and os.path.isfile(source))
 
 
 class Files(object):
