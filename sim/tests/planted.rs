@@ -66,5 +66,6 @@ fn a_hub_that_panics_ends_and_takes_no_other_with_it() {
     plant(None);
     let (alive, panics) = hub_node.with(|cx| (cx.is_alive(server), cx.counters().panics));
     assert_eq!((alive, panics, hub_node.has_ended()), (false, 1, false));
-    assert_eq!(node.with(|cx| cx.with(ear, |ear, _| ear.lost)), Ok(1));
+    let lost = node.with(|cx| cx.with(ear, |ear, _| ear.lost));
+    assert!(lost.is_ok_and(|lost| lost > 0), "its satellite looks for it in vain, again and again");
 }
