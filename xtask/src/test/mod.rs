@@ -56,11 +56,17 @@ const STEPS: &[Step] = &[
     ("examples: each is built and run", examples::build_and_run),
     ("benches: each runs once with the least work", benches::smoke_runs),
     ("sim: seeds of the network in a box", sim::short_run),
-    ("python: the Python client on Python 3 and 2.7, with the hub of this tree", python::on_both_interpreters),
+    (
+        "python: the Python client on Python 3 and 2.7, with the hub of this tree",
+        python::on_both_interpreters,
+    ),
     ("instructions: the hot paths take no more than their limits", benches::count_instructions),
     ("fuzz: a short run of each target", fuzz::short_runs),
     ("release: the program is built and small enough", size::build_and_weigh),
-    ("python packages: wheels and a source package are built, installed and tried", python::packages),
+    (
+        "python packages: wheels and a source package are built, installed and tried",
+        python::packages,
+    ),
 ];
 
 /// Runs the gate.

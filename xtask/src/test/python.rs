@@ -62,7 +62,8 @@ fn run_tests(gate: &Gate<'_>, name: &str, python: &Path, python2: &Path) -> Resu
         .env("SKROBOT", gate.workspace.target.join("debug/skrobot"));
     process::run_logged(&mut command, &log, Some(TESTS_LIMIT))?;
     let said = std::fs::read_to_string(&log).map_err(|error| Failure::file(&log, error))?;
-    count_of(&said).ok_or_else(|| Failure::Other(format!("the tests on {name} did not say how many they are")))
+    count_of(&said)
+        .ok_or_else(|| Failure::Other(format!("the tests on {name} did not say how many they are")))
 }
 
 /// How many tests `unittest` says it ran; none at all is no success.
@@ -106,7 +107,12 @@ pub(super) fn packages(gate: &mut Gate<'_>) -> Result<String, Failure> {
     }
     let bin = builders.join("bin");
     let sketch = root.join("python/pysketch");
-    process::run(Command::new(bin.join("hatchling")).args(["build", "-d"]).arg(&built).current_dir(sketch))?;
+    process::run(
+        Command::new(bin.join("hatchling"))
+            .args(["build", "-d"])
+            .arg(&built)
+            .current_dir(sketch),
+    )?;
     let hub = root.join("python/hub");
     process::run(
         Command::new(bin.join("maturin"))
