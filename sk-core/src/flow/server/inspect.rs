@@ -20,9 +20,11 @@ impl ServerCore {
         if !self.may_inspect(id, subject) {
             return self.refuse(id, tag, RefusalCode::Denied);
         }
-        let told = self
-            .report(subject)
-            .and_then(|report| Value::new(&report).map_err(|_| RefusalCode::TooLong));
+        let report = match subject.trim() {
+            "graph" => Ok(self.graph_for(id).into_variant()),
+            _ => self.report(subject),
+        };
+        let told = report.and_then(|report| Value::new(&report).map_err(|_| RefusalCode::TooLong));
         let sendable = told.map(|value| value.in_form(form));
         match sendable {
             Ok(value) if value.wire_bytes().is_ok() => self.answer(id, tag, &Event::Value { value }),
@@ -31,14 +33,15 @@ impl ServerCore {
         }
     }
 
-    /// What is about names is for those who may list them; what is about everybody, for those who may list all.
+    /// What is about names is for those who may list them; what is about everybody, for those who may list all. Of
+    /// the graph everyone is told the part that he may list.
     fn may_inspect(&self, id: ConnectionId, subject: &str) -> bool {
         let Some(connection) = self.connections.get(id) else { return false };
         let rights = &connection.rights;
         let mut words = subject.split_whitespace();
         match words.next() {
             Some("channel" | "why") => words.all(|name| rights.allows(Right::List, name)),
-            Some("flows" | "graph") => rights.allows_everywhere(Right::List),
+            Some("flows") => rights.allows_everywhere(Right::List),
             _ => rights.has(Right::List),
         }
     }
@@ -192,6 +195,19 @@ impl ServerCore {
             }
         }
         graph.left_out = left_out;
+        graph
+    }
+
+    /// The graph without what this connection may not list.
+    fn graph_for(&self, id: ConnectionId) -> GraphReport {
+        let mut graph = self.graph_report();
+        let listed = |name: &str| self.is_allowed(id, Right::List, name);
+        graph.flows.retain(|flow| listed(flow));
+        graph.channels.retain(|channel| listed(&channel.name));
+        for channel in &mut graph.channels {
+            channel.subscribers.retain(|flow| listed(flow));
+            channel.repeats = channel.repeats.take().filter(|source| listed(source));
+        }
         graph
     }
 

@@ -25,14 +25,18 @@ pub fn run(arguments: &Arguments, task: &Ls) -> Result<(), String> {
     let (task, as_json) = (task.clone(), arguments.json);
     Visit::once(arguments, move |cx, link| {
         link.hub.inspect(cx, "graph", move |cx, told| {
-            let text = told.and_then(|told| listed(cx, link, &told, &task, as_json));
+            // Who has no right to list sees all the same what he may use, if not who owns it.
+            let graph = told.map_or_else(
+                |_| Ok(GraphReport::default()),
+                |told| GraphReport::from_variant(&told).map_err(|error| error.to_string()),
+            );
+            let text = graph.and_then(|graph| listed(cx, link, &graph, &task, as_json));
             link.end(cx, text);
         });
     })
 }
 
-fn listed(cx: &mut Cx, link: Link, told: &SkVariant, task: &Ls, as_json: bool) -> Result<String, String> {
-    let graph = GraphReport::from_variant(told).map_err(|error| error.to_string())?;
+fn listed(cx: &mut Cx, link: Link, graph: &GraphReport, task: &Ls, as_json: bool) -> Result<String, String> {
     let known: BTreeMap<&str, &GraphChannel> =
         graph.channels.iter().map(|channel| (channel.name.as_str(), channel)).collect();
     let part = task.part.as_deref().unwrap_or_default();

@@ -300,3 +300,33 @@ fn databases_are_open_by_name_and_a_flows_own_by_the_right_for_any() {
     assert_eq!(ada.ask(&mut hub, &select(&own)).len(), 1);
     assert_eq!(ada.ask(&mut hub, &set), [Event::Done {}], "its own");
 }
+
+#[test]
+fn the_hub_tells_of_itself_what_the_asker_may_list() {
+    let (mut hub, mut owner) = hub_with(&["ada"]);
+    for channel in ["imu", "gps"] {
+        owner.create(&mut hub, channel);
+    }
+    let mut ada = log_in(&mut hub, "ada");
+    let inspect = |subject: &str| Command::Inspect { subject: subject.into(), form: Form::Binary };
+    assert_eq!(ada.ask(&mut hub, &inspect("hub")), denied());
+    grant(&mut hub, &mut owner, "ada", "list", &["robot.imu"]);
+    for (subject, told) in [
+        ("hub", true),
+        ("graph", true),
+        ("channel robot.imu", true),
+        ("channel robot.gps", false),
+        ("why robot.imu robot.imu", true),
+        ("why robot.imu robot.gps", false),
+        ("flows", false),
+    ] {
+        let answer = ada.ask(&mut hub, &inspect(subject));
+        assert_eq!(answer != denied(), told, "{subject}: {answer:?}");
+    }
+    let graph = ada.ask(&mut hub, &inspect("graph"));
+    let [Event::Value { value }] = &graph[..] else { panic!("{graph:?}") };
+    let text = value.variant().to_json().expect("short");
+    assert!(text.contains("robot.imu") && !text.contains("robot.gps"), "{text}");
+    grant(&mut hub, &mut owner, "ada", "list", &["*"]);
+    assert_ne!(ada.ask(&mut hub, &inspect("flows")), denied());
+}
