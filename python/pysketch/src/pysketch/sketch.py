@@ -50,13 +50,13 @@ class Sketch(FlowSat):
         if function is not None:
             function()
 
-    def subscribe(self, name, on_message=None, **wishes):
+    def subscribe(self, name, on_message=None, depth=0, policy="latest", on_batch=None):
         """Decorator, or with a function as `FlowSat.subscribe`."""
-        if on_message is not None or "on_batch" in wishes:
-            return FlowSat.subscribe(self, name, on_message, **wishes)
+        if on_message is not None or on_batch is not None:
+            return FlowSat.subscribe(self, name, on_message, depth, policy, on_batch)
 
         def decorate(function):
-            FlowSat.subscribe(self, name, function, **wishes)
+            FlowSat.subscribe(self, name, function, depth, policy)
             return function
         return decorate
 

@@ -2,7 +2,6 @@
 
 from . import table
 from .channels import OwnChannel
-from .connection import Refused
 from .flow import Part
 from .variant import BINARY, JSON, pack
 
@@ -127,9 +126,8 @@ class Streams(Part):
         if stream is not None:
             stream.repeating = True
 
-    def _on_detached(self, tag, _flags, fields):
+    def _on_detached(self, _tag, _flags, fields):
+        # If the source has gone, it is repeated again when it comes back.
         stream = self._flow.own_of(fields[0])
         if stream is not None:
             stream.repeating = False
-            if tag == 0 and stream.source is not None:
-                self._flow.listener.on_refused(Refused("Detached", "its source has gone", stream.name))
