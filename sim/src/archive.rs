@@ -76,6 +76,9 @@ impl Archive {
     pub(crate) fn finish(&mut self, place: &Place, order: u64, kept: bool) {
         let Some(written) = self.places.get_mut(place) else { return };
         let Some(index) = written.iter().position(|written| written.order == order) else { return };
+        if written[index].state != State::UnderWay {
+            return;
+        }
         written[index].state = if kept { State::Kept } else { State::Unknown };
         if kept {
             self.kept += 1;
@@ -164,6 +167,10 @@ impl Ledger {
                 self.complain(Rule::Kept, text);
             }
             self.archive.settle(&place, number);
+        }
+        if damage.is_some() {
+            // What a hub before this one promised may still be on its way, and is worth nothing any more.
+            self.archive.abandon(|_| true);
         }
         self.archive.rotten = false;
     }
