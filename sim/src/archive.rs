@@ -24,6 +24,8 @@ enum State {
     UnderWay,
     /// It is kept, said the hub.
     Kept,
+    /// It was under way when a store was damaged: whatever is said of it, it may be there or not.
+    Void,
     /// The hub said no, or was lost before it said anything.
     Unknown,
 }
@@ -76,6 +78,9 @@ impl Archive {
     pub(crate) fn finish(&mut self, place: &Place, order: u64, kept: bool) {
         let Some(written) = self.places.get_mut(place) else { return };
         let Some(index) = written.iter().position(|written| written.order == order) else { return };
+        if written[index].state != State::UnderWay {
+            return;
+        }
         written[index].state = if kept { State::Kept } else { State::Unknown };
         if kept {
             self.kept += 1;
@@ -122,7 +127,8 @@ impl Archive {
     /// That was found on the disk of a hub that begins: the past is settled, and what comes is under way.
     fn settle(&mut self, place: &Place, found: Option<u64>) {
         let Some(written) = self.places.get_mut(place) else { return };
-        written.retain(|written| written.state == State::UnderWay && written.value != found);
+        let may_come = [State::UnderWay, State::Void];
+        written.retain(|written| may_come.contains(&written.state) && written.value != found);
         written.insert(0, Written { order: 0, value: found, state: State::Kept });
     }
 
@@ -164,6 +170,12 @@ impl Ledger {
                 self.complain(Rule::Kept, text);
             }
             self.archive.settle(&place, number);
+        }
+        if damage.is_some() {
+            // What a hub before this one promised may still be on its way, and is worth nothing any more.
+            let all = self.archive.places.values_mut().flatten();
+            let under_way = all.filter(|written| written.state == State::UnderWay);
+            under_way.for_each(|written| written.state = State::Void);
         }
         self.archive.rotten = false;
     }
