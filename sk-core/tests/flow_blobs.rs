@@ -33,7 +33,10 @@ fn connect(cx: &mut Cx) -> Handle<SkFlowSat> {
 }
 
 fn content(length: usize) -> Bytes {
-    (0..length).map(|index| (index * 7 + index / 251) as u8).collect::<Vec<u8>>().into()
+    (0..length)
+        .map(|index| (index * 7 + index / 251) as u8)
+        .collect::<Vec<u8>>()
+        .into()
 }
 
 fn seconds(count: u64) -> Duration {
@@ -127,7 +130,9 @@ fn s111_files_of_an_owner_are_held_by_the_hub_and_read_by_others() {
     let kept = reader.download_to(cx, "robot.maps", "floors/1.bin", "/copy.bin").unwrap();
     let kept = follow(cx, kept);
     let told = answers.clone();
-    reader.list_blob(cx, "robot.maps", "", move |_, list| told.borrow_mut().push(list)).unwrap();
+    reader
+        .list_blob(cx, "robot.maps", "", move |_, list| told.borrow_mut().push(list))
+        .unwrap();
     simulation.run_for(&mut app, seconds(3));
     let cx = app.cx();
     for (listener, bytes) in [(came, file.len()), (kept, 0)] {
@@ -168,7 +173,8 @@ fn s113_what_cannot_be_had_is_said_and_no_path_leads_out() {
         assert_eq!(paths, ["a", "none", "none/a"]);
     })
     .unwrap();
-    cx.with(came, |heard, _| assert_eq!((heard.done, heard.failed.len()), (0, 1))).unwrap();
+    cx.with(came, |heard, _| assert_eq!((heard.done, heard.failed.len()), (0, 1)))
+        .unwrap();
     assert!(!cx.is_alive(download), "a download that is over goes by itself");
 }
 

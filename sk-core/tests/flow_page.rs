@@ -145,8 +145,14 @@ fn limits() -> Vec<(&'static str, String)> {
         ("watches of a flow", WATCHES_PER_FLOW_MAX.to_string()),
         ("changes of a flow that wait for the disk", UNSAVED_PER_FLOW_MAX.to_string()),
         ("downloads under way on one connection", BLOB_READS_PER_CONNECTION_MAX.to_string()),
-        ("bytes of uploads of one connection that wait for the disk", format!("{BLOB_BYTES_AHEAD_MAX} bytes")),
-        ("requests of one connection that wait for the disk of blobs", BLOB_REQUESTS_PER_CONNECTION_MAX.to_string()),
+        (
+            "bytes of uploads of one connection that wait for the disk",
+            format!("{BLOB_BYTES_AHEAD_MAX} bytes"),
+        ),
+        (
+            "requests of one connection that wait for the disk of blobs",
+            BLOB_REQUESTS_PER_CONNECTION_MAX.to_string(),
+        ),
         ("channels of a hub", CHANNELS_MAX.to_string()),
         ("of them only for the hub, the lowest identifiers", CHANNELS_RESERVED_FOR_HUB.to_string()),
         ("channels of a flow", CHANNELS_PER_FLOW_MAX.to_string()),

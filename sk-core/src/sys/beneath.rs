@@ -46,9 +46,8 @@ fn folder_flags() -> OFlag {
 pub(crate) fn open_folder(root: &OwnedFd, path: &Path) -> io::Result<OwnedFd> {
     refuse_leaving(path)?;
     let here = if path.as_os_str().is_empty() { Path::new(".") } else { path };
-    let resolve = ResolveFlag::RESOLVE_BENEATH
-        | ResolveFlag::RESOLVE_NO_SYMLINKS
-        | ResolveFlag::RESOLVE_NO_MAGICLINKS;
+    let resolve =
+        ResolveFlag::RESOLVE_BENEATH | ResolveFlag::RESOLVE_NO_SYMLINKS | ResolveFlag::RESOLVE_NO_MAGICLINKS;
     match openat2(root, here, OpenHow::new().flags(folder_flags()).resolve(resolve)) {
         Ok(fd) => Ok(fd),
         // A kernel or a sandbox that does not know the call. EAGAIN is a race with a rename elsewhere.

@@ -123,7 +123,9 @@ mod tests {
         for (parts, fits) in [(15, true), (16, true), (17, false)] {
             assert_eq!(BlobPath::parse(&vec!["n"; parts].join("/")).is_ok(), fits, "{parts} parts");
         }
-        let of = |length: usize| format!("{}{}", format!("{}/", "n".repeat(127)).repeat(7), "m".repeat(length - 896));
+        let of = |length: usize| {
+            format!("{}{}", format!("{}/", "n".repeat(127)).repeat(7), "m".repeat(length - 896))
+        };
         for (length, fits) in [(1023, true), (1024, true), (1025, false)] {
             assert_eq!(of(length).len(), length);
             assert_eq!(BlobPath::parse(&of(length)).is_ok(), fits, "{length} bytes");

@@ -1,8 +1,8 @@
 //! What a satellite learns from its hub.
 
+use super::super::blob::BlobEntry;
 use super::super::delivery::DropReason;
 use super::super::{ChannelKind, ChannelRef, Properties, Value};
-use super::super::blob::BlobEntry;
 use super::DatabaseInfo;
 use bytes::Bytes;
 use std::time::Duration;

@@ -123,9 +123,7 @@ impl SatelliteCore {
                 self.events.push_back(SatelliteEvent::Refused { tag, code, text });
             }
             // Answers to what this satellite does not ask.
-            Event::ScramChallenge { .. }
-            | Event::UdpOpened { .. }
-            | Event::UserListed { .. } => {}
+            Event::ScramChallenge { .. } | Event::UdpOpened { .. } | Event::UserListed { .. } => {}
             event @ (Event::BlobResume { .. }
             | Event::BlobListed { .. }
             | Event::BlobEntry { .. }

@@ -22,10 +22,21 @@ pub(super) enum TalkKey {
 /// What a message is, without its bytes.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Kind {
-    Request { channel: ChannelRef, request: u64, asker: u64 },
-    Reply { tag: u32, more: bool },
+    Request {
+        channel: ChannelRef,
+        request: u64,
+        asker: u64,
+    },
+    Reply {
+        tag: u32,
+        more: bool,
+    },
     /// A piece of a download: its first, its last, or one between.
-    Blob { tag: u32, first: bool, last: bool },
+    Blob {
+        tag: u32,
+        first: bool,
+        last: bool,
+    },
 }
 
 /// A whole message for one receiver. Its bytes are those that its sender's fragments came in.

@@ -167,8 +167,12 @@ impl Storage for SimulatedStorage {
             return Ok(());
         }
         match (moved, disk.node(to).ok()) {
-            (Node::File(_) | Node::Link, Some(Node::Folder)) => return Err(io::ErrorKind::IsADirectory.into()),
-            (Node::Folder, Some(Node::File(_) | Node::Link)) => return Err(io::ErrorKind::NotADirectory.into()),
+            (Node::File(_) | Node::Link, Some(Node::Folder)) => {
+                return Err(io::ErrorKind::IsADirectory.into());
+            }
+            (Node::Folder, Some(Node::File(_) | Node::Link)) => {
+                return Err(io::ErrorKind::NotADirectory.into());
+            }
             (Node::Folder, Some(Node::Folder)) if disk.below(to).next().is_some() => {
                 return Err(io::ErrorKind::DirectoryNotEmpty.into());
             }

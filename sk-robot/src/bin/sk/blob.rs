@@ -61,7 +61,9 @@ fn full_name(wanted: &str, channels: &[ChannelInfo]) -> Result<String, String> {
     let means = |name: &str| name == wanted || name.split_once('.').is_some_and(|(_, own)| own == wanted);
     match channels.iter().find(|channel| means(&channel.name)) {
         Some(channel) if channel.kind == ChannelKind::Blob => Ok(channel.name.clone()),
-        Some(channel) => Err(format!("{} is a {} channel and holds no files", safe(&channel.name), channel.kind)),
+        Some(channel) => {
+            Err(format!("{} is a {} channel and holds no files", safe(&channel.name), channel.kind))
+        }
         None => Err(format!("no channel {}: `sk ls` lists them", safe(wanted))),
     }
 }

@@ -234,7 +234,10 @@ impl BlobStore {
             Found::File { bytes } => {
                 let known = self.checksums.get(&(channel.clone(), path.clone()));
                 if let Some((_, checksum)) = known.filter(|(length, _)| *length == bytes) {
-                    return Ok(Step::Over(BlobDone::Entry { entry: entry(false, bytes), checksum: *checksum }));
+                    return Ok(Step::Over(BlobDone::Entry {
+                        entry: entry(false, bytes),
+                        checksum: *checksum,
+                    }));
                 }
                 let file = self.folder.open(&paths::file(channel, path)).map_err(paths::failure)?;
                 let summing = Summing::new(path.clone(), file).map_err(paths::failure)?;

@@ -141,7 +141,10 @@ fn other_bytes_than_announced_never_become_a_file() {
     store.write_of("a", 0, &content(1000, 3)).expect("written");
     assert_eq!(refused(store.ask(BlobWork::Commit { path: path("a") })), RefusalCode::BadChecksum);
     assert_eq!(store.names(""), [""; 0]);
-    assert!(matches!(store.begin_of("a", &content(1000, 2)), Ok(BlobDone::Resume { offset: 0 })), "forgotten");
+    assert!(
+        matches!(store.begin_of("a", &content(1000, 2)), Ok(BlobDone::Resume { offset: 0 })),
+        "forgotten"
+    );
 }
 
 #[test]
@@ -355,7 +358,10 @@ fn links_and_special_files_that_somebody_planted_are_neither_followed_nor_opened
         assert_eq!(refused(store.ask(move_to("d", below))), RefusalCode::WrongPath, "{below}");
     }
     assert_eq!(store.names(""), ["d"]);
-    assert_eq!(refused(store.ask(BlobWork::List { path: path("away"), after: None })), RefusalCode::WrongPath);
+    assert_eq!(
+        refused(store.ask(BlobWork::List { path: path("away"), after: None })),
+        RefusalCode::WrongPath
+    );
     store.ask(remove("link")).expect("the link goes, not what it points to");
     assert_eq!(fs::read_to_string(&secret).expect("there"), "outside");
     assert_eq!(fs::read_dir(place.0.join("elsewhere")).expect("there").count(), 0);
@@ -440,9 +446,16 @@ fn one_life(seed: u64) -> bool {
     disk.set_faults(DiskFaults::default(), SimulatedRng::new(seed, 3));
     let mut after = store(&disk);
     let there = after.contents("f").expect("the old file or the new one");
-    assert!(there == new || !saved && there == old, "seed {seed}: saved {saved}, {} bytes", there.len());
+    assert!(
+        there == new || !saved && there == old,
+        "seed {seed}: saved {saved}, {} bytes",
+        there.len()
+    );
     assert_eq!(after.names(""), ["f"], "seed {seed}");
-    assert!(matches!(after.upload("f", &new), Ok(BlobDone::Saved)), "seed {seed}: resumed and finished");
+    assert!(
+        matches!(after.upload("f", &new), Ok(BlobDone::Saved)),
+        "seed {seed}: resumed and finished"
+    );
     assert_eq!(after.contents("f"), Some(new), "seed {seed}");
     saved
 }

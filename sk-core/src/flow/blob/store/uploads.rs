@@ -112,13 +112,7 @@ impl BlobStore {
 
     /// Charges the account what the upload will take. If there is no room, other uploads of the channel that were
     /// left and not resumed give way.
-    fn promise(
-        &mut self,
-        channel: &Name,
-        path: &BlobPath,
-        more: u64,
-        less: u64,
-    ) -> Result<(), BlobFailure> {
+    fn promise(&mut self, channel: &Name, path: &BlobPath, more: u64, less: u64) -> Result<(), BlobFailure> {
         if self.charge(channel, more, less).map_err(paths::disk)? {
             return Ok(());
         }
@@ -203,17 +197,9 @@ impl BlobStore {
         }
     }
 
-    pub(super) fn write(
-        &mut self,
-        channel: &Name,
-        path: &BlobPath,
-        offset: u64,
-        pieces: &Pieces,
-    ) -> Outcome {
+    pub(super) fn write(&mut self, channel: &Name, path: &BlobPath, offset: u64, pieces: &Pieces) -> Outcome {
         let upload = self.uploads.get_mut(&(channel.clone(), path.clone()));
-        let upload = upload
-            .filter(|upload| upload.offset == offset)
-            .ok_or(RefusalCode::BadOffset)?;
+        let upload = upload.filter(|upload| upload.offset == offset).ok_or(RefusalCode::BadOffset)?;
         let length: u64 = pieces.iter().map(|piece| piece.len() as u64).sum();
         if length > upload.bytes - upload.offset {
             return Err(RefusalCode::BadChecksum.into());
@@ -267,8 +253,9 @@ impl BlobStore {
 
     /// The channel has gone: its uploads wait in their files.
     pub(super) fn close(&mut self, channel: &Name) {
-        let (closed, kept) =
-            std::mem::take(&mut self.uploads).into_iter().partition(|((of, _), _)| of == channel);
+        let (closed, kept) = std::mem::take(&mut self.uploads)
+            .into_iter()
+            .partition(|((of, _), _)| of == channel);
         self.uploads = kept;
         let closed: std::collections::BTreeMap<_, Upload> = closed;
         for upload in closed.into_values() {

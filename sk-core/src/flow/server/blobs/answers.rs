@@ -8,8 +8,8 @@ use super::super::super::{Flags, Message as _};
 use super::super::talk::{Kind, Talk, TalkKey};
 use super::super::telling::Telling;
 use super::super::{ConnectionId, ServerCore};
-use super::desk::{Purpose, Waiting};
 use super::Wish;
+use super::desk::{Purpose, Waiting};
 use sk_flat::Instant;
 
 /// How many pieces of one download wait for the peer before the disk is asked for the next.
@@ -66,7 +66,9 @@ impl ServerCore {
         match (purpose, done) {
             (Purpose::List, BlobDone::Entries { entries, end }) => {
                 let Some(connection) = self.connections.get_mut(id) else { return };
-                let Some(replay) = connection.replay.as_mut().filter(|replay| replay.tag == tag) else { return };
+                let Some(replay) = connection.replay.as_mut().filter(|replay| replay.tag == tag) else {
+                    return;
+                };
                 if let Telling::Blobs(listing) = &mut replay.what {
                     listing.asked = false;
                     listing.after = entries.last().map(|entry| entry.name.clone()).or(listing.after.take());

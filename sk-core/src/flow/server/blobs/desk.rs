@@ -1,8 +1,8 @@
 //! What a connection has to do with blobs, and what the hub has asked of the disk.
 
 use super::super::super::blob::{BlobEntry, BlobFile, BlobPath, BlobRequest, BlobWork};
-use super::super::super::{ChannelRef, Encoded, Event, Flags, Message as _};
 use super::super::super::limits::{BLOB_BYTES_AHEAD_MAX, BLOB_REQUESTS_PER_CONNECTION_MAX};
+use super::super::super::{ChannelRef, Encoded, Event, Flags, Message as _};
 use super::super::ConnectionId;
 use rustc_hash::FxHashMap;
 use sk_flat::Name;

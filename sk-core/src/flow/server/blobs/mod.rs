@@ -74,12 +74,7 @@ impl ServerCore {
 
     /// The full name of a blob channel, if this connection may do there what it wants. It is asked again for each
     /// piece of a listing or a download, so that a right that is revoked ends what is under way.
-    fn blob_channel(
-        &self,
-        id: ConnectionId,
-        channel: ChannelRef,
-        wish: Wish,
-    ) -> Result<Name, RefusalCode> {
+    fn blob_channel(&self, id: ConnectionId, channel: ChannelRef, wish: Wish) -> Result<Name, RefusalCode> {
         let (known, _) = self.channels.get(channel).ok_or(RefusalCode::Gone)?;
         let right = match wish {
             Wish::Read => Right::BlobRead,
@@ -131,7 +126,13 @@ impl ServerCore {
             }
             Command::BlobList { channel, path } => return self.blob_list(id, tag, channel, &path.0),
             Command::BlobRead { channel, path, offset, bytes } => {
-                return self.blob_read(id, tag, channel, &path.0, offset..offset.saturating_add(bytes.into()));
+                return self.blob_read(
+                    id,
+                    tag,
+                    channel,
+                    &path.0,
+                    offset..offset.saturating_add(bytes.into()),
+                );
             }
             _ => return Err(RefusalCode::NotOffered),
         };
@@ -163,7 +164,9 @@ impl ServerCore {
 
     /// Asks the disk for more of the listing that is being told to this connection, if it waits for that.
     pub(super) fn go_on_listing(&mut self, id: ConnectionId) {
-        let Some(replay) = self.connections.get_mut(id).and_then(|found| found.replay.as_mut()) else { return };
+        let Some(replay) = self.connections.get_mut(id).and_then(|found| found.replay.as_mut()) else {
+            return;
+        };
         let tag = replay.tag;
         let Telling::Blobs(listing) = &mut replay.what else { return };
         if listing.asked || !listing.waits() {
@@ -201,10 +204,7 @@ impl ServerCore {
             return Err(RefusalCode::TooManyRequests);
         }
         let (next, end) = (range.start, range.end);
-        reads.insert(
-            tag,
-            Reading { channel, path, file: None, next, end, asked: false, begun: false },
-        );
+        reads.insert(tag, Reading { channel, path, file: None, next, end, asked: false, begun: false });
         self.go_on_reading(id);
         Ok(())
     }

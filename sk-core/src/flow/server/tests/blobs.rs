@@ -11,7 +11,10 @@ fn path(text: &str) -> Path {
 }
 
 fn content(length: usize) -> Bytes {
-    (0..length).map(|index| (index * 7 + index / 251) as u8).collect::<Vec<u8>>().into()
+    (0..length)
+        .map(|index| (index * 7 + index / 251) as u8)
+        .collect::<Vec<u8>>()
+        .into()
 }
 
 fn refused(code: RefusalCode) -> Vec<Event> {
@@ -211,7 +214,10 @@ fn what_cannot_be_is_refused_with_its_code() {
         (stat(channel, "a/b"), RefusalCode::WrongPath),
         (Command::BlobList { channel, path: path("a") }, RefusalCode::WrongPath),
         (Command::BlobList { channel, path: path("none") }, RefusalCode::NoSuchPath),
-        (Command::BlobRead { channel, path: path("none"), offset: 0, bytes: 1 }, RefusalCode::NoSuchPath),
+        (
+            Command::BlobRead { channel, path: path("none"), offset: 0, bytes: 1 },
+            RefusalCode::NoSuchPath,
+        ),
         (Command::BlobRead { channel, path: path(""), offset: 0, bytes: 1 }, RefusalCode::BadPath),
         (
             Command::BlobBegin { channel, path: path("b"), bytes: u64::MAX, checksum: 0 },
@@ -243,14 +249,23 @@ fn an_upload_goes_on_after_the_connection_was_lost() {
         &mut robot.hub,
         81,
         Flags::FIRST,
-        &Command::BlobWrite { channel, path: path("f"), offset: 500_000, payload: file.slice(500_000..510_000) },
+        &Command::BlobWrite {
+            channel,
+            path: path("f"),
+            offset: 500_000,
+            payload: file.slice(500_000..510_000),
+        },
     );
     robot.hub.left(owner.id, at(0));
     robot.work();
     let mut back = Raw::flow(&mut robot.hub, OWNER);
     let channel = robot.create(&mut back, "maps");
     assert_eq!(robot.ask(&mut back, &begin(channel)), [Event::BlobResume { offset: 500_000 }]);
-    assert_eq!(robot.ask(&mut back, &Command::BlobList { channel, path: path("") }).len(), 1, "nothing is seen");
+    assert_eq!(
+        robot.ask(&mut back, &Command::BlobList { channel, path: path("") }).len(),
+        1,
+        "nothing is seen"
+    );
     send_piece(&back, &mut robot.hub, 80, channel, "f", 500_000, &file.slice(500_000..));
     assert_eq!(tagged(&robot.settle(&mut back), 80), [Event::Done {}]);
     assert_eq!(robot.ask(&mut back, &Command::BlobCommit { channel, path: path("f") }), [Event::Saved {}]);
@@ -373,7 +388,15 @@ fn a_connection_is_not_read_while_the_disk_is_behind_with_its_uploads() {
     robot.ask(&mut owner, &begin);
     let mut wanted = Vec::new();
     for index in 0..5 {
-        send_piece(&owner, &mut robot.hub, 90 + index, channel, "f", (index as usize * piece.len()) as u64, &piece);
+        send_piece(
+            &owner,
+            &mut robot.hub,
+            90 + index,
+            channel,
+            "f",
+            (index as usize * piece.len()) as u64,
+            &piece,
+        );
         while robot.hub.work(at(0)) {}
         wanted.push(robot.hub.wants_input(owner.id));
     }
@@ -421,7 +444,10 @@ fn a_failing_disk_is_said_and_nothing_half_is_seen() {
     robot.disk.set_faults(DiskFaults::default(), SimulatedRng::new(1, 1));
     send_piece(&owner, &mut robot.hub, 80, channel, "f", 0, &file);
     assert_eq!(tagged(&robot.settle(&mut owner), 80), [Event::Done {}], "there is room again");
-    assert_eq!(robot.ask(&mut owner, &Command::BlobCommit { channel, path: path("f") }), [Event::Saved {}]);
+    assert_eq!(
+        robot.ask(&mut owner, &Command::BlobCommit { channel, path: path("f") }),
+        [Event::Saved {}]
+    );
     assert_eq!(robot.read(&mut owner, channel, "f", 0, u32::MAX), file);
 }
 

@@ -31,10 +31,20 @@ pub(super) enum Errand {
 
 /// What came of it.
 pub(super) enum Fetched {
-    Surveyed { id: u64, outcome: Result<(u64, u32), String> },
-    Piece { id: u64, offset: u64, outcome: Result<Bytes, String> },
+    Surveyed {
+        id: u64,
+        outcome: Result<(u64, u32), String>,
+    },
+    Piece {
+        id: u64,
+        offset: u64,
+        outcome: Result<Bytes, String>,
+    },
     /// A range is written, or (`true`) the whole file is there.
-    Kept { id: u64, outcome: Result<bool, String> },
+    Kept {
+        id: u64,
+        outcome: Result<bool, String>,
+    },
 }
 
 impl Errand {

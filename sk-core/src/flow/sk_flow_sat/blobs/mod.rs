@@ -6,6 +6,6 @@ mod objects;
 mod porter;
 mod uploads;
 
-pub use objects::{BlobProgress, FlowBlob, FlowDownload};
 pub(super) use objects::tell_told;
+pub use objects::{BlobProgress, FlowBlob, FlowDownload};
 pub(super) use porter::Porter;

@@ -6,8 +6,8 @@ use super::porter::{ListAnswer, LookAnswer, Order, Told};
 use super::uploads::Source;
 use crate::Cx;
 use crate::flow::Flow;
-use crate::flow::blob::{BlobEntry, BlobPath};
 use crate::flow::RefusalCode;
+use crate::flow::blob::{BlobEntry, BlobPath};
 use crate::object::Handle;
 use crate::signal::Signal;
 use bytes::Bytes;
@@ -274,8 +274,7 @@ impl Handle<FlowBlob> {
     }
 
     fn begin(self, cx: &mut Cx, path: &str, source: Source) -> bool {
-        BlobPath::parse(path).is_ok()
-            && self.on_porter(cx, |porter, name| porter.upload(name, path, source))
+        BlobPath::parse(path).is_ok() && self.on_porter(cx, |porter, name| porter.upload(name, path, source))
     }
 
     /// Gives up the upload to a path; the hub forgets what it has of it.
@@ -320,7 +319,9 @@ pub(in super::super) fn tell_told(cx: &mut Cx, satellite: Handle<SkFlowSat>) {
                 cx.emit_own(object, |o: &FlowBlob| &o.refused, &(path, why));
             }
             Told::Data(object, bytes) => cx.emit_own(object, |o: &FlowDownload| &o.data, &bytes),
-            Told::Came(object, bytes, of) => cx.emit_own(object, |o: &FlowDownload| &o.progress, &(bytes, of)),
+            Told::Came(object, bytes, of) => {
+                cx.emit_own(object, |o: &FlowDownload| &o.progress, &(bytes, of))
+            }
             Told::Done(object) => {
                 cx.emit_own(object, |o: &FlowDownload| &o.done, &());
                 cx.destroy_later(object);

@@ -119,7 +119,8 @@ impl Porter {
 
     fn has_room(&self) -> bool {
         let orders: usize = self.own.values().map(|own| own.orders.len()).sum();
-        self.uploads.len() + self.downloads.len() + self.questions.len() + self.sent.len() + orders < WAITING_MAX
+        self.uploads.len() + self.downloads.len() + self.questions.len() + self.sent.len() + orders
+            < WAITING_MAX
     }
 
     pub(super) fn upload(&mut self, name: &Rc<str>, path: &str, source: Source) -> bool {

@@ -168,7 +168,13 @@ impl Porter {
     }
 
     /// Sends a piece; answers whether there was room for it.
-    pub(super) fn send_piece(&mut self, core: &mut SatelliteCore, id: u64, offset: u64, piece: Bytes) -> bool {
+    pub(super) fn send_piece(
+        &mut self,
+        core: &mut SatelliteCore,
+        id: u64,
+        offset: u64,
+        piece: Bytes,
+    ) -> bool {
         let Some(upload) = self.uploads.get_mut(&id) else { return false };
         let Some(channel) = self.own.get(&upload.blob).and_then(|own| own.channel) else { return false };
         let Stage::Sending { sent, reading, .. } = &mut upload.stage else { return false };
