@@ -10,7 +10,7 @@ use crate::world::Found;
 use bytes::Bytes;
 use sk_flat::Name;
 use std::io::ErrorKind;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// How many entries one answer has.
 pub(super) const ENTRIES_PER_ANSWER: usize = 256;
@@ -63,8 +63,8 @@ impl BlobStore {
     }
 
     /// What stands in a folder can still be named after the folder was moved.
-    fn check_reach(&self, folder: &PathBuf, to: &BlobPath) -> Result<(), BlobFailure> {
-        let mut folders = vec![(folder.clone(), to.parts(), to.as_str().len())];
+    fn check_reach(&self, folder: &Path, to: &BlobPath) -> Result<(), BlobFailure> {
+        let mut folders = vec![(folder.to_owned(), to.parts(), to.as_str().len())];
         while let Some((folder, parts, bytes)) = folders.pop() {
             for name in self.folder.list(&folder).map_err(paths::failure)? {
                 let (parts, bytes) = (parts + 1, bytes + 1 + name.len());

@@ -11,7 +11,7 @@ use crate::world::{Found, StoredFile};
 use crc32fast::Hasher;
 use sk_flat::Name;
 use std::io::{self, ErrorKind};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// How many uploads of one account may be under way. Each has two files open.
@@ -72,7 +72,7 @@ impl BlobStore {
     }
 
     /// A file of an upload that was left, if it is there.
-    fn left(&self, path: &PathBuf) -> Result<Option<Arc<dyn StoredFile>>, BlobFailure> {
+    fn left(&self, path: &Path) -> Result<Option<Arc<dyn StoredFile>>, BlobFailure> {
         match self.folder.open(path) {
             Ok(file) => Ok(Some(file)),
             Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
@@ -84,8 +84,8 @@ impl BlobStore {
 
     fn begin_anew(
         &self,
-        data: &PathBuf,
-        log: &PathBuf,
+        data: &Path,
+        log: &Path,
         bytes: u64,
         checksum: u32,
     ) -> io::Result<(Arc<dyn StoredFile>, Arc<dyn StoredFile>)> {
@@ -139,7 +139,7 @@ impl BlobStore {
     }
 
     /// Removes one file of an upload, if it is there.
-    fn remove_part(&mut self, channel: &Name, path: &PathBuf, is_charged: bool) -> Result<(), BlobFailure> {
+    fn remove_part(&mut self, channel: &Name, path: &Path, is_charged: bool) -> Result<(), BlobFailure> {
         let found = match self.folder.look(path) {
             Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
             found => found.map_err(paths::disk)?,
