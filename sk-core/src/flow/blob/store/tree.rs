@@ -10,7 +10,7 @@ use crate::world::Found;
 use bytes::Bytes;
 use sk_flat::Name;
 use std::io::ErrorKind;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// How many entries one answer has.
 pub(super) const ENTRIES_PER_ANSWER: usize = 256;
