@@ -29,6 +29,7 @@ struct Client {
     version: u64,
     saved: u64,
     events_left: u64,
+    refused: Option<String>,
 }
 
 impl Client {
@@ -47,6 +48,11 @@ impl Client {
         self.count(cx);
     }
 
+    fn on_refused(&mut self, cx: &mut Cx, path: String, why: String) {
+        self.refused = Some(format!("{path}: {why}"));
+        cx.quit();
+    }
+
     fn count(&mut self, cx: &mut Cx) {
         self.events_left = self.events_left.saturating_sub(1);
         if self.events_left == 0 {
@@ -55,7 +61,7 @@ impl Client {
     }
 }
 
-object! { Client { slots { on_saved(String) on_progress(&BlobProgress) } } }
+object! { Client { slots { on_saved(String) on_progress(&BlobProgress) on_refused(String, String) } } }
 
 /// Ended with the test, whatever happens.
 struct Robot {
@@ -95,9 +101,10 @@ fn an_upload_that_was_said_to_be_saved_survives_the_killing_of_the_hub() {
     let mut app = SkApp::builder().mode(TimingMode::SelectIo).build().expect("a loop");
     let cx = app.cx();
     let blob = SkFlowSat::connect(cx, &address).blob(cx, "maps").expect("a name");
-    let client = cx.spawn(Client { blob, version: 0, saved: 0, events_left: 0 });
+    let client = cx.spawn(Client { blob, version: 0, saved: 0, events_left: 0, refused: None });
     attach!(cx, blob.saved => client.on_saved);
     attach!(cx, blob.progress => client.on_progress);
+    attach!(cx, blob.refused => client.on_refused);
     cx.with(client, |client, cx| client.upload(cx)).expect("it is there");
     for kill in 0..KILLS {
         robot.start_hub();
@@ -106,6 +113,8 @@ fn an_upload_that_was_said_to_be_saved_survives_the_killing_of_the_hub() {
             .with(client, |client, _| client.events_left = 5 + kill * 5 % 14)
             .expect("it is there");
         app.run();
+        let refused = app.cx().with(client, |client, _| client.refused.take()).expect("it is there");
+        assert_eq!(refused, None, "kill {kill}");
         robot.kill_hub();
         let (saved, version) = app
             .cx()

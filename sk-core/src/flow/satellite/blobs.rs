@@ -3,7 +3,7 @@
 use super::super::blob::BlobEntry;
 use super::super::{ChannelRef, Command, Event, Flags, Message, Path};
 use super::databases::List;
-use super::sending::{Kind, Stream};
+use super::sending::Kind;
 use super::{SatelliteCore, SatelliteError, SatelliteEvent};
 use bytes::Bytes;
 use sk_flat::SkVariant;
@@ -87,9 +87,8 @@ impl SatelliteCore {
         self.events.push_back(told);
     }
 
-    /// What is left of a piece is not sent any more.
+    /// What is left of a piece may still be sent; the hub drops it.
     pub(super) fn on_blob_refused(&mut self, tag: u32) {
         self.downloads.remove(&tag);
-        self.outbox.forget(Stream::Upload(tag));
     }
 }

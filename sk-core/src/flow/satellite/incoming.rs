@@ -245,6 +245,7 @@ impl SatelliteCore {
     fn removed(&mut self, channel: ChannelRef) {
         self.own.remove(&channel);
         self.lost += self.outbox.forget(Stream::Channel(channel)) as u64;
+        self.outbox.forget(Stream::Upload(channel));
         self.gathering.forget(Incoming::Data(channel));
         if let Some(info) = self.channels.remove(&channel) {
             if self.names.get(&info.name) == Some(&channel) {

@@ -21,8 +21,8 @@ pub(super) enum Stream {
     Call(u32),
     /// The answers to a request.
     Answer(u64),
-    /// The piece of an upload with this tag.
-    Upload(u32),
+    /// The pieces of uploads to a channel: they have to end in their order.
+    Upload(ChannelRef),
 }
 
 /// What a message is, without its bytes.
@@ -40,7 +40,7 @@ impl Kind {
             Kind::Publish { channel, .. } => Stream::Channel(channel),
             Kind::Call { tag, .. } => Stream::Call(tag),
             Kind::Answer { request, .. } => Stream::Answer(request),
-            Kind::Upload { tag, .. } => Stream::Upload(tag),
+            Kind::Upload { channel, .. } => Stream::Upload(channel),
         }
     }
 
