@@ -45,7 +45,7 @@ type Place = (Name, BlobPath);
 ///
 /// let disk = Arc::new(SimulatedStorage::new());
 /// let mut store = BlobStore::open(disk.clone(), "/blobs".into())?;
-/// let path = BlobPath::parse("hello.txt")?;
+/// let path = BlobPath::parse("hello.txt").expect("a path");
 /// let works = [
 ///     BlobWork::Begin { path: path.clone(), bytes: 5, checksum: 0x3610_a686 },
 ///     BlobWork::Write { path: path.clone(), offset: 0, pieces: vec!["hello".into()].into() },
