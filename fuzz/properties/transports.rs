@@ -1,6 +1,6 @@
 //! What must hold for whatever comes from a network or a line before anybody has logged in. The fuzz targets and
 //! the tests over the committed seeds include this file.
-#![allow(dead_code)] // Each target uses its own part.
+#![allow(dead_code, reason = "each fuzz target uses its own part")]
 
 use sk_core::flow::transport::datagram::{DATAGRAM_BYTES_MAX, DatagramKey, DatagramReader, session_of};
 use sk_core::flow::transport::tty::{Envelope, Line, Role, SlipReader, slip_encode};
