@@ -48,7 +48,7 @@ void same_thread(bool smoke) {
     const int burst = smoke ? 10 : 10'000, bursts = smoke ? 2 : 50;
     Sender sender;
     Receiver receiver;
-    QObject::connect(&sender, &Sender::number, &receiver, &Receiver::take, Qt::QueuedConnection);
+    QObject::connect(&sender, &Sender::number, &receiver, &Receiver::count, Qt::QueuedConnection);
     auto round = [&] {
         const std::int64_t goal = receiver.calls.load() + burst;
         for (int i = 0; i < burst; ++i) Q_EMIT sender.number(i);
@@ -82,7 +82,7 @@ void cross_thread(bool smoke) {
     const std::int64_t burst = smoke ? 10 : 10'000, bursts = smoke ? 2 : 30;
     Sender sender;
     Far far;
-    QObject::connect(&sender, &Sender::number, &far.receiver, &Receiver::take, Qt::QueuedConnection);
+    QObject::connect(&sender, &Sender::number, &far.receiver, &Receiver::count, Qt::QueuedConnection);
     auto round = [&](std::int64_t number) {
         for (std::int64_t i = 0; i < burst; ++i) Q_EMIT sender.number(i);
         far.wait_for(number * burst);

@@ -5,13 +5,9 @@ use sk_benches::{BenchError, Sheet};
 use sk_core::eventloop::{RealtimeWishes, SchedulingPolicy};
 use sk_core::prelude::*;
 
-/// Ticks before the first one that counts: the loop learns how long before a deadline it has to wake.
-const TICKS_WARM: u64 = 300;
-
 /// Notes how late each tick is when its first slot runs.
 struct Watch {
     ticks_left: u64,
-    warm: u64,
     schedule: bool,
     /// Set back at the first tick, against the loop's own choice.
     slack_ns: Option<u32>,
@@ -30,19 +26,17 @@ impl Watch {
             self.refused = Some(format!("a timer slack of {slack_ns} ns: {error}"));
         }
         let pulse = *cx.pulse();
-        if self.warm > 0 {
-            self.warm -= 1;
-            self.last = Some((now, pulse.number, pulse.missed));
-            return;
-        }
+        let tick = (now, pulse.number, pulse.missed);
+        let before = self.last.replace(tick);
+        self.first.get_or_insert(tick);
         // With a schedule the loop itself says when the tick was due; without one it is due an interval
         // after the one before it.
-        let before = self.last.map_or(now, |(before, _, _)| before);
-        let due = if self.schedule { pulse.due } else { before + pulse.interval };
+        let due = match before {
+            _ if self.schedule => pulse.due,
+            Some((before, _, _)) => before + pulse.interval,
+            None => return,
+        };
         self.late_ns.push(now.since(due).as_nanos() as u64);
-        let tick = (now, pulse.number, pulse.missed);
-        self.first.get_or_insert(tick);
-        self.last = Some(tick);
         self.ticks_left -= 1;
         if self.ticks_left == 0 {
             cx.quit();
@@ -61,7 +55,8 @@ pub(crate) struct Asked {
 
 /// One run as the options say.
 pub(crate) fn measure(sheet: &mut Sheet, arguments: &Arguments) -> Result<(), BenchError> {
-    let mut realtime = RealtimeWishes { cpu: arguments.cpu, ..RealtimeWishes::default() };
+    // cyclictest is started with its own `--mlockall`.
+    let mut realtime = RealtimeWishes { cpu: arguments.cpu, lock_memory: true, ..RealtimeWishes::default() };
     if arguments.policy == PolicyName::Fifo {
         realtime.policy = SchedulingPolicy::Fifo(PRIORITY);
     }
@@ -86,7 +81,6 @@ pub(crate) fn tick(
     let cx = app.cx();
     let watch = cx.spawn(Watch {
         ticks_left: ticks,
-        warm: if arguments.shared.smoke { 1 } else { TICKS_WARM },
         schedule: arguments.mode() == TimingMode::Realtime,
         slack_ns: asked.slack_ns,
         refused: None,

@@ -80,6 +80,11 @@ pub struct LoopSettings {
     pub slow_interval: Duration,
     /// What happens after a round that was too long.
     pub overrun: Overrun,
+    /// How long `Realtime` spins at most before each deadline. The spin follows the wake errors it sees, up to
+    /// this: what lies beyond is lateness of the tick. `None`: a sixteenth of the interval or 64 µs, whichever is
+    /// longer, so that precision costs some per cent of a core even on a noisy machine. Never more than half the
+    /// interval; zero is no spin at all.
+    pub spin_max: Option<Duration>,
     /// What `Realtime` asks of the operating system.
     pub realtime: RealtimeWishes,
     /// After a slot answered `Err`.
@@ -105,6 +110,7 @@ impl Default for LoopSettings {
             interval: INTERVAL_DEFAULT,
             slow_interval: SLOW_INTERVAL_DEFAULT,
             overrun: Overrun::default(),
+            spin_max: None,
             realtime: RealtimeWishes::default(),
             after_error: AfterFailure::GoOn,
             after_panic: AfterFailure::Destroy,

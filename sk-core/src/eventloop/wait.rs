@@ -10,6 +10,11 @@ use std::time::Duration;
 const MARGIN_MIN: Duration = Duration::from_micros(20);
 /// What it is before anything was measured.
 const MARGIN_FIRST: Duration = Duration::from_micros(100);
+/// A spin is this part of the interval at most, unless the settings say otherwise: some per cent of a core are
+/// what precision costs, and on a host with heavy outliers their percentile would cost far more.
+const SPIN_SHARE: u32 = 16;
+/// The least that limit is: below an interval of a millisecond a share would be shorter than common wake errors.
+const SPIN_MAX_LEAST: Duration = Duration::from_micros(64);
 /// How many wake errors the margin follows.
 const ERRORS_KEPT: usize = 256;
 /// After how many new ones it is computed anew.
@@ -90,7 +95,7 @@ impl Pacing {
 }
 
 /// How long before a deadline the sleep ends and the spin begins: the 99th percentile of the recent wake
-/// errors, so that rare outliers do not burn the processor, and half the interval at most.
+/// errors, so that rare outliers do not burn the processor, within the limits of [`spin_max`].
 struct Margin {
     errors_ns: [u32; ERRORS_KEPT],
     count: u32,
@@ -102,7 +107,7 @@ impl Margin {
         Margin { errors_ns: [0; ERRORS_KEPT], count: 0, span: MARGIN_FIRST }
     }
 
-    fn note(&mut self, error: Duration, interval: Duration) {
+    fn note(&mut self, error: Duration) {
         let ns = u32::try_from(error.as_nanos()).unwrap_or(u32::MAX);
         self.errors_ns[self.count as usize % ERRORS_KEPT] = ns;
         self.count = self.count.wrapping_add(1);
@@ -110,14 +115,20 @@ impl Margin {
             let known = ERRORS_KEPT.min(self.count as usize);
             let mut sorted = self.errors_ns;
             let (_, p99, _) = sorted[..known].select_nth_unstable((known * 99) / 100);
-            let wanted = Duration::from_nanos(u64::from(*p99)) + MARGIN_MIN / 2;
-            self.span = wanted.clamp(MARGIN_MIN, (interval / 2).max(MARGIN_MIN));
+            self.span = (Duration::from_nanos(u64::from(*p99)) + MARGIN_MIN / 2).max(MARGIN_MIN);
         }
     }
 
-    fn within(&self, interval: Duration) -> Duration {
-        self.span.min(interval / 2)
+    fn within(&self, limit: Duration) -> Duration {
+        self.span.min(limit)
     }
+}
+
+/// How long a loop spins at most before a deadline: what it was told or a share of the interval, and never more
+/// than half of it.
+fn spin_max(told: Option<Duration>, interval: Duration) -> Duration {
+    told.unwrap_or_else(|| (interval / SPIN_SHARE).max(SPIN_MAX_LEAST))
+        .min(interval / 2)
 }
 
 impl Cx {
@@ -215,13 +226,13 @@ impl Cx {
     /// their senders need no system call; their calls run in their step, after the tick. Answers the moment at
     /// which the wait ended.
     fn wait_precisely(&mut self, due: Instant) -> Instant {
-        let interval = self.settings.interval;
-        let wake_at = due - self.pacing.margin.within(interval);
+        let limit = spin_max(self.settings.spin_max, self.settings.interval);
+        let wake_at = due - self.pacing.margin.within(limit);
         let mut now = self.world.clock.now();
         if now < wake_at {
             self.world.clock.sleep_until(wake_at);
             now = self.world.clock.now();
-            self.pacing.margin.note(now.since(wake_at), interval);
+            self.pacing.margin.note(now.since(wake_at));
         }
         let mut look_at = now;
         while now < due {
@@ -355,15 +366,26 @@ mod tests {
     #[test]
     fn the_margin_follows_the_99th_percentile_not_the_outliers() {
         let mut margin = Margin::new();
-        let interval = Duration::from_millis(1);
+        let limit = Duration::from_micros(500);
         for i in 0..1024u32 {
             let error = if i % 200 == 0 { Duration::from_millis(3) } else { Duration::from_micros(45) };
-            margin.note(error, interval);
+            margin.note(error);
         }
-        assert_eq!(margin.within(interval), Duration::from_micros(55));
+        assert_eq!(margin.within(limit), Duration::from_micros(55));
         for _ in 0..1024 {
-            margin.note(Duration::from_millis(3), interval);
+            margin.note(Duration::from_millis(3));
         }
-        assert_eq!(margin.within(interval), Duration::from_micros(500), "never more than half the interval");
+        assert_eq!(margin.within(limit), limit, "never more than the limit");
+    }
+
+    #[test]
+    fn a_spin_is_limited_by_a_share_of_the_interval_or_by_what_the_loop_was_told() {
+        let us = Duration::from_micros;
+        assert_eq!(spin_max(None, us(16_000)), us(1_000));
+        assert_eq!(spin_max(None, us(1_000)), us(64), "a share would be shorter than common wake errors");
+        assert_eq!(spin_max(None, us(100)), us(50), "never more than half");
+        assert_eq!(spin_max(Some(us(300)), us(1_000)), us(300));
+        assert_eq!(spin_max(Some(us(900)), us(1_000)), us(500), "never more than half");
+        assert_eq!(spin_max(Some(us(0)), us(1_000)), us(0), "no spin at all");
     }
 }
