@@ -5,6 +5,7 @@ mod asking;
 mod blobs;
 mod channels;
 mod clerk;
+mod closing;
 mod commands;
 mod database;
 mod events;
@@ -487,6 +488,7 @@ impl SkFlowSat {
     // ---- what the hub says ----
 
     /// Whether an event is for one of those who deal with the hub for others, and tell it themselves.
+                self.remove_unwanted(cx, own_name(name), *channel);
     fn hear_apart(&mut self, event: &SatelliteEvent) -> bool {
         if self.hear_answer(event) {
             return true;
