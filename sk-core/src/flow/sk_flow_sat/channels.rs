@@ -66,10 +66,8 @@ impl SkFlowSat {
         {
             log_failure(name, core.subscribe_as(name, *policy, *depth));
         }
-        let (interval, mode) = (cx.settings().interval, cx.settings().mode);
-        self.clerk
-            .introduce("pulse.interval_ms", &(interval.as_secs_f64() * 1000.0).into());
-        self.clerk.introduce("pulse.mode", &format!("{mode:?}").into());
+        self.introduce_pulse(cx);
+        let Some(core) = &mut self.core else { return };
         self.clerk.restore(core);
         self.porter.restore(core);
         self.restore_services(cx);
@@ -121,9 +119,9 @@ impl SkFlowSat {
         if let Some(own) = self.own.get(name).filter(|own| own.channel.is_none()) {
             log_failure(name, core.create(name, &own.properties));
         }
-        self.porter.open_if_missing(core, name);
         self.services.open_if_missing(core, name);
         self.sync.open_if_missing(core, name);
+        self.porter.open_if_missing(core, name);
         self.flush_later(cx);
     }
 

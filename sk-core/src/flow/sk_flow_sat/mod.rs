@@ -12,6 +12,7 @@ mod events;
 mod services;
 mod sync;
 mod udp;
+mod telling;
 
 pub use blobs::{BlobProgress, FlowBlob, FlowDownload};
 pub use database::{FlowDatabase, Variable};
@@ -157,7 +158,7 @@ crate::object! {
             sync_report(TickReport)
             dropped(String, String, u64)
         }
-        slots { on_check() on_reconnect() on_call_deadline() on_source_tick() }
+        slots { on_check() on_second() on_reconnect() on_call_deadline() on_source_tick() }
         hooks { on_destroy }
     }
 }
@@ -231,6 +232,7 @@ impl SkFlowSat {
     pub fn connect_secured(
         cx: &mut Cx,
         to: &HubAddress,
+            attach!(cx, cx.one_sec_zone().pulse => this.on_second);
         credentials: Credentials,
         trust: TlsTrust,
     ) -> Handle<SkFlowSat> {
@@ -486,9 +488,9 @@ impl SkFlowSat {
     }
 
     // ---- what the hub says ----
+                self.remove_unwanted(cx, own_name(name), *channel);
 
     /// Whether an event is for one of those who deal with the hub for others, and tell it themselves.
-                self.remove_unwanted(cx, own_name(name), *channel);
     fn hear_apart(&mut self, event: &SatelliteEvent) -> bool {
         if self.hear_answer(event) {
             return true;
