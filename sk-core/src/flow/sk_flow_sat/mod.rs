@@ -10,9 +10,10 @@ mod commands;
 mod database;
 mod events;
 mod services;
+mod side;
 mod sync;
-mod udp;
 mod telling;
+mod udp;
 
 pub use blobs::{BlobProgress, FlowBlob, FlowDownload};
 pub use database::{FlowDatabase, Variable};
@@ -22,8 +23,7 @@ use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteEvent, 
 use super::server::Session;
 #[cfg(feature = "tls")]
 use super::transport::TlsTrust;
-use super::transport::{Broken, Core, Destination, Link, PipeSeed, TURN_BYTES_MAX, Turn, dial};
-use super::wire::Slices;
+use super::transport::{Destination, Link, PipeSeed, TURN_BYTES_MAX, Turn, dial};
 use super::{ChannelRef, Encoded, FlowMessage, HubAddress, Policy};
 use crate::eventloop::Timer;
 use crate::object::{Handle, ObjectId};
@@ -31,7 +31,7 @@ use crate::signal::Signal;
 use crate::world::{Readiness, Token};
 use crate::{Cx, attach};
 use channels::{Own, own_name};
-use sk_flat::Instant;
+use side::{Fault, Side, note_fault};
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 use std::time::Duration;
@@ -110,9 +110,13 @@ pub struct SkFlowSat {
     was_ready: bool,
     /// Why the hub said it ends this link.
     farewell: Option<String>,
+    /// What broke this link.
+    fault: Option<Fault>,
+    /// The last link broke because who answered is no hub that can be talked to.
+    is_unusable: bool,
     /// The hub let this satellite in; channels and subscriptions are being restored.
     pub ready: Signal<()>,
-    /// The hub is lost; carries why. It is looked for again, but for a hub in this very process, whose end is
+    /// The hub is lost, or could not be reached; carries why, as exactly as the transport knows it. It is looked for again, but for a hub in this very process, whose end is
     /// for good.
     pub lost: Signal<String>,
     /// Somebody began to listen to a channel of this satellite's; carries its own name.
@@ -173,47 +177,6 @@ enum Way {
     Pipe,
 }
 
-struct Side<'a> {
-    core: &'a mut SatelliteCore,
-    now: Instant,
-    waiting: &'a mut Option<Encoded>,
-}
-
-impl Core for Side<'_> {
-    fn wants_input(&self) -> bool {
-        true
-    }
-    fn bytes(&mut self, bytes: &[u8]) -> Result<(), Broken> {
-        self.core.receive(bytes, self.now).map_err(|error| broken(&error))
-    }
-    fn frame(&mut self, frame: Encoded) -> Result<(), Broken> {
-        self.core.accept(frame, self.now).map_err(|error| broken(&error))
-    }
-    fn has_output(&self) -> bool {
-        self.core.has_output()
-    }
-    fn slices(&mut self, parts_max: usize) -> Slices<'_> {
-        self.core.slices(parts_max)
-    }
-    fn wrote(&mut self, count: usize) {
-        self.core.wrote(count);
-    }
-    fn take(&mut self) -> Option<Encoded> {
-        self.core.take()
-    }
-    fn put_back(&mut self, frame: Encoded) {
-        *self.waiting = Some(frame);
-    }
-    fn put_back_first(&mut self) -> Option<Encoded> {
-        self.waiting.take()
-    }
-}
-
-fn broken(error: &super::ProtocolError) -> Broken {
-    tracing::error!("the hub sent what no hub sends: {error}");
-    Broken
-}
-
 impl SkFlowSat {
     /// A satellite of a hub reached over a Unix socket: the login is by the user id of this process. It
     /// connects in the background, now and whenever the hub was lost.
@@ -232,7 +195,6 @@ impl SkFlowSat {
     pub fn connect_secured(
         cx: &mut Cx,
         to: &HubAddress,
-            attach!(cx, cx.one_sec_zone().pulse => this.on_second);
         credentials: Credentials,
         trust: TlsTrust,
     ) -> Handle<SkFlowSat> {
@@ -270,6 +232,7 @@ impl SkFlowSat {
             // The timer was made just now and is no more gone than this object.
             let _ = check.start(cx, CHECK_EVERY);
             SkFlowSat {
+            attach!(cx, cx.one_sec_zone().pulse => this.on_second);
                 way,
                 core: None,
                 link: None,
@@ -301,6 +264,8 @@ impl SkFlowSat {
                 ready: Signal::new(),
                 lost: Signal::new(),
                 start_publishing: Signal::new(),
+                fault: None,
+                is_unusable: false,
                 stop_publishing: Signal::new(),
                 message: Signal::new(),
                 channel_added: Signal::new(),
@@ -382,7 +347,9 @@ impl SkFlowSat {
             self.reconnect_after = (self.reconnect_after * 2).min(RECONNECT_MAX);
         }
         self.was_ready = false;
-        let why = self.farewell.take().unwrap_or(why);
+        let fault = self.fault.take();
+        self.is_unusable = fault.as_ref().is_some_and(|fault| fault.is_unusable);
+        let why = self.farewell.take().or(fault.map(|fault| fault.why)).unwrap_or(why);
         match self.way {
             Way::Address { .. } => tracing::debug!("the hub is lost: {why}"),
             // There is no way back.
@@ -449,7 +416,9 @@ impl SkFlowSat {
         self.send_datagrams(cx);
         let now = cx.now();
         let (Some(core), Some(mut link)) = (&mut self.core, self.link.take()) else { return };
-        let turn = link.write(cx, &mut Side { core, now, waiting: &mut self.waiting });
+        let fault = &mut self.fault;
+        let turn = link.write(cx, &mut Side { core, now, waiting: &mut self.waiting, fault });
+        note_fault(fault, &mut *link);
         self.link = Some(link);
         match turn {
             Turn::Over => self.break_link(cx, "the connection broke".to_owned()),
@@ -471,7 +440,8 @@ impl SkFlowSat {
             self.break_link(cx, error.to_string());
             return Turn::Done;
         }
-        let mut side = Side { core, now, waiting: &mut self.waiting };
+        let fault = &mut self.fault;
+        let mut side = Side { core, now, waiting: &mut self.waiting, fault };
         let wrote = if link.may_write(readiness) { link.write(cx, &mut side) } else { Turn::Done };
         // Read in any case: a hub that takes nothing any more may have said why.
         let read = readiness.readable || wrote == Turn::Over;
@@ -483,12 +453,12 @@ impl SkFlowSat {
         if wrote == Turn::More {
             self.flush_later(cx);
         }
+        note_fault(&mut self.fault, &mut *link);
         self.derive_if_challenged(cx);
         turn
     }
 
     // ---- what the hub says ----
-                self.remove_unwanted(cx, own_name(name), *channel);
 
     /// Whether an event is for one of those who deal with the hub for others, and tell it themselves.
     fn hear_apart(&mut self, event: &SatelliteEvent) -> bool {
@@ -518,6 +488,7 @@ impl SkFlowSat {
             SatelliteEvent::ChannelAdded(info) => {
                 self.heard.insert(info.channel, Rc::new(info.clone()));
                 self.repeat_new_source(cx, info);
+                self.remove_unwanted(cx, own_name(name), *channel);
                 self.send_waiting(cx, Some(&info.name));
             }
             SatelliteEvent::ChannelRemoved(info) => {
