@@ -214,6 +214,30 @@ fn the_fuzz_dictionary_has_the_header_of_every_kind() {
     compare_or_rewrite(&path, &fs::read_to_string(&path).unwrap_or_default(), &made);
 }
 
+#[test]
+fn the_fuzz_dictionary_of_blobs_has_their_commands_whole_and_what_paths_are_made_of() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz/dictionaries/blob_commands.dict");
+    let mut made = String::from(
+        "# Commands of blob channels, for libFuzzer: -dict=fuzz/dictionaries/blob_commands.dict\n",
+    );
+    let mut line = |name: &str, bytes: &[u8]| {
+        let hex: String = bytes.iter().map(|byte| format!("\\x{byte:02x}")).collect();
+        let _ = writeln!(made, "{name}=\"{hex}\"");
+    };
+    for (name, bytes) in vectors() {
+        if name.starts_with("command.") && name.contains("blob_") {
+            line(&name.replace('.', "_"), &bytes);
+            line(&format!("{}_head", name.replace('.', "_")), &bytes[..6]);
+        }
+    }
+    for (name, part) in
+        [("here", "."), ("up", "../"), ("root", "/"), ("part", "a/"), ("null", "\0"), ("back", "\\")]
+    {
+        line(&format!("path_{name}"), part.as_bytes());
+    }
+    compare_or_rewrite(&path, &fs::read_to_string(&path).unwrap_or_default(), &made);
+}
+
 /// What Python satellites know of the protocol is made from the same table.
 #[test]
 fn the_python_table_is_the_same_table() {
