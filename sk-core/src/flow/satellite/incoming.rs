@@ -82,6 +82,12 @@ impl SatelliteCore {
                     self.events.push_back(SatelliteEvent::HeaderChanged { tag, info });
                 }
             }
+            Event::OwnerChanged { channel, owner } => {
+                if let Some(info) = self.channels.get_mut(&channel) {
+                    info.owner = owner;
+                    self.events.push_back(SatelliteEvent::OwnerChanged(info.clone()));
+                }
+            }
             Event::Request { channel, request, asker, payload } => {
                 self.on_request(flags, Asked { channel, request, asker }, payload)?;
             }

@@ -3,7 +3,7 @@
 use super::super::channel::Owner;
 use super::super::database::{DatabaseKind, Entity};
 use super::super::error::{ClosingReason, RefusalCode};
-use super::super::{ChannelKind, ChannelRef, Event, Form, Right};
+use super::super::{ChannelKind, ChannelRef, Event, Flags, Form, Message as _, Right};
 use super::audience::Credit;
 use super::telling::Telling;
 use super::{ConnectionId, Notice, ServerCore, owning_flow};
@@ -136,10 +136,13 @@ impl ServerCore {
         }
     }
 
+        let known = known.clone();
     /// Tells a flow that took another's place how its channels are, after it was told which there are.
     pub(super) fn tell_inherited(&mut self, id: ConnectionId) {
         let Some(connection) = self.connections.get_mut(id) else { return };
         connection.output.paused = false;
+        let changed = Event::OwnerChanged { channel, owner: new.wire() };
+        self.tell_flows(&known, None, |tag, _| changed.encode(tag, Flags::NONE));
         if let Some(selected) = &connection.desk.selected {
             let event = Event::DatabaseSelected { database: selected.to_string() };
             self.answer(id, 0, &event);

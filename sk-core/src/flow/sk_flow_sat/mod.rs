@@ -131,6 +131,8 @@ pub struct SkFlowSat {
     pub channel_removed: Signal<ChannelInfo>,
     /// A channel says something else about itself, anybody's.
     pub header_changed: Signal<ChannelInfo>,
+    /// Another connection owns a channel, anybody's: its flow came back and took its own place again.
+    pub owner_changed: Signal<ChannelInfo>,
     /// After [`publish`](Handle#method.publish) answered `false` on a reliable channel, its slowest subscriber has
     /// caught up; carries the channel's own name.
     pub room: Signal<String>,
@@ -156,6 +158,7 @@ crate::object! {
             channel_added(&ChannelInfo)
             channel_removed(&ChannelInfo)
             header_changed(&ChannelInfo)
+            owner_changed(&ChannelInfo)
             room(String)
             refused(String)
             synced(bool)
@@ -229,10 +232,10 @@ impl SkFlowSat {
             attach!(cx, call_timer.timeout => this.on_call_deadline);
             attach!(cx, reconnect.timeout => this.on_reconnect);
             attach!(cx, check.timeout => this.on_check);
+            attach!(cx, cx.one_sec_zone().pulse => this.on_second);
             // The timer was made just now and is no more gone than this object.
             let _ = check.start(cx, CHECK_EVERY);
             SkFlowSat {
-            attach!(cx, cx.one_sec_zone().pulse => this.on_second);
                 way,
                 core: None,
                 link: None,
@@ -261,16 +264,17 @@ impl SkFlowSat {
                 losses: 0,
                 was_ready: false,
                 farewell: None,
+                fault: None,
+                is_unusable: false,
                 ready: Signal::new(),
                 lost: Signal::new(),
                 start_publishing: Signal::new(),
-                fault: None,
-                is_unusable: false,
                 stop_publishing: Signal::new(),
                 message: Signal::new(),
                 channel_added: Signal::new(),
                 channel_removed: Signal::new(),
                 header_changed: Signal::new(),
+                owner_changed: Signal::new(),
                 room: Signal::new(),
                 refused: Signal::new(),
                 synced: Signal::new(),
@@ -449,11 +453,11 @@ impl SkFlowSat {
         if wrote == Turn::Over && turn == Turn::Done {
             turn = Turn::Over;
         }
+        note_fault(&mut self.fault, &mut *link);
         self.link = Some(link);
         if wrote == Turn::More {
             self.flush_later(cx);
         }
-        note_fault(&mut self.fault, &mut *link);
         self.derive_if_challenged(cx);
         turn
     }
@@ -484,18 +488,18 @@ impl SkFlowSat {
                 self.created(cx, *tag, *channel, name);
                 self.service_created(own_name(name), *channel);
                 self.sync_created(own_name(name), *channel);
+                self.remove_unwanted(cx, own_name(name), *channel);
             }
             SatelliteEvent::ChannelAdded(info) => {
                 self.heard.insert(info.channel, Rc::new(info.clone()));
                 self.repeat_new_source(cx, info);
-                self.remove_unwanted(cx, own_name(name), *channel);
                 self.send_waiting(cx, Some(&info.name));
             }
             SatelliteEvent::ChannelRemoved(info) => {
                 self.heard.remove(&info.channel);
                 self.name_is_free(cx, &info.name);
             }
-            SatelliteEvent::HeaderChanged { info, .. } => {
+            SatelliteEvent::HeaderChanged { info, .. } | SatelliteEvent::OwnerChanged(info) => {
                 self.heard.insert(info.channel, Rc::new(info.clone()));
             }
             // Before it is ready nothing else can be refused than to become a flow.

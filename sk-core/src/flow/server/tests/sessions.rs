@@ -102,7 +102,13 @@ fn who_proves_the_session_takes_the_place_of_a_half_open_flow_and_nothing_waitin
         })
         .collect();
     assert_eq!(numbers, [1, 2, 3], "what was not taken whole comes anew");
-    assert!(other.read(&mut hub).is_empty(), "nobody else hears of it");
+    let told: Vec<Event> = other.read(&mut hub).into_iter().map(|event| event.message).collect();
+    let owner = new.id.wire();
+    assert_eq!(
+        told,
+        [mine, latched].map(|channel| Event::OwnerChanged { channel, owner }),
+        "nobody else hears of more than whose its channels are"
+    );
     let mut closing = old.read_rest(&mut hub, frame / 2);
     assert!(
         matches!(closing.pop(), Some(Event::Closing { reason, .. }) if reason == ClosingReason::Replaced.code())
