@@ -61,9 +61,16 @@ impl ServerCore {
                 .get(*old)
                 .is_some_and(|old| old.user.as_ref() == Some(user) && old.closing.is_none())
         });
-        if predecessor.is_none() && self.sessions.names.contains_key(&full) {
-            return self.refuse(id, tag, RefusalCode::Exists);
-        }
+        let is_taken = predecessor.is_none() && self.sessions.names.contains_key(&full);
+        let full = match is_taken {
+            false => full,
+            // A module whose former thread hangs: it cannot come back later, when the name is free.
+            true if connection.is_inside() => match Name::new(&format!("{full}-{}", id.wire())) {
+                Ok(full) => full,
+                Err(_) => return self.refuse(id, tag, RefusalCode::BadName),
+            },
+            true => return self.refuse(id, tag, RefusalCode::Exists),
+        };
         let own = session_of(&connection.hub_nonce);
         let full = match predecessor {
             Some(old) => self.take_place(old, id).unwrap_or(full),
@@ -129,20 +136,20 @@ impl ServerCore {
             self.end_requests_to(channel, Owner::Flow(old.wire()));
         }
         let Some((known, beside)) = self.channels.get_mut(channel) else { return };
+        let known = known.clone();
         known.owner = Owner::Flow(new.wire());
         if let Some(credit) = beside.special.as_mut().and_then(|special| special.credit.as_mut()) {
             // Both sides count anew; how much may be sent is told when the flow has begun.
             *credit = Credit { granted: 0, ..Credit::NEW };
+        let changed = Event::OwnerChanged { channel, owner: new.wire() };
+        self.tell_flows(&known, None, |tag, _| changed.encode(tag, Flags::NONE));
         }
     }
 
-        let known = known.clone();
     /// Tells a flow that took another's place how its channels are, after it was told which there are.
     pub(super) fn tell_inherited(&mut self, id: ConnectionId) {
         let Some(connection) = self.connections.get_mut(id) else { return };
         connection.output.paused = false;
-        let changed = Event::OwnerChanged { channel, owner: new.wire() };
-        self.tell_flows(&known, None, |tag, _| changed.encode(tag, Flags::NONE));
         if let Some(selected) = &connection.desk.selected {
             let event = Event::DatabaseSelected { database: selected.to_string() };
             self.answer(id, 0, &event);
