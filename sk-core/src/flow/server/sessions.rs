@@ -42,10 +42,9 @@ fn session_of(hub_nonce: &[u8; 32]) -> Session {
 }
 
 impl ServerCore {
-    /// Whether the connection of this id is open and has a right.
-    pub fn has_right(&self, connection: u64, right: Right) -> bool {
-        let found = self.connections.get(ConnectionId::from_wire(connection));
-        found.is_some_and(|found| found.rights.has(right))
+    /// Whether the connection of this id is open and has a right for this name.
+    pub fn has_right(&self, connection: u64, right: Right, name: &str) -> bool {
+        self.is_allowed(ConnectionId::from_wire(connection), right, name)
     }
 
     pub(super) fn set_async(&mut self, id: ConnectionId, tag: u32, name: &str, session: Session, form: Form) {
@@ -136,14 +135,14 @@ impl ServerCore {
             self.end_requests_to(channel, Owner::Flow(old.wire()));
         }
         let Some((known, beside)) = self.channels.get_mut(channel) else { return };
-        let known = known.clone();
         known.owner = Owner::Flow(new.wire());
+        let known = known.clone();
         if let Some(credit) = beside.special.as_mut().and_then(|special| special.credit.as_mut()) {
             // Both sides count anew; how much may be sent is told when the flow has begun.
             *credit = Credit { granted: 0, ..Credit::NEW };
+        }
         let changed = Event::OwnerChanged { channel, owner: new.wire() };
         self.tell_flows(&known, None, |tag, _| changed.encode(tag, Flags::NONE));
-        }
     }
 
     /// Tells a flow that took another's place how its channels are, after it was told which there are.
