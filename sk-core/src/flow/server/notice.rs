@@ -2,7 +2,7 @@
 
 use super::super::ChannelRef;
 use super::connection::{ConnectionId, Ending};
-use super::requests::RequestId;
+use super::services::requests::RequestId;
 use bytes::Bytes;
 use sk_flat::{Instant, Name};
 

@@ -2,7 +2,7 @@
 
 use super::SkFlowSat;
 use super::Way;
-use super::clerk::Answer;
+use super::databases::clerk::Answer;
 use crate::Cx;
 use crate::flow::Command;
 use crate::flow::satellite::{AccountInfo, Credentials};
@@ -67,7 +67,7 @@ impl SkFlowSat {
             Err(why) => {
                 let this = cx.this(self);
                 self.clerk.answer_later(answer, Err(why));
-                cx.post_own(this, move |cx| super::database::tell_told(cx, this));
+                cx.post_own(this, move |cx| super::databases::database::tell_told(cx, this));
             }
         }
         self.flush_later(cx);

@@ -13,7 +13,7 @@ use super::super::fragment::Gathered;
 use super::super::limits::BLOB_READS_PER_CONNECTION_MAX;
 use super::super::{ChannelKind, ChannelRef, Command, Flags, Form, Properties, Right};
 use super::connection::Incoming;
-use super::telling::Telling;
+use super::connection::telling::Telling;
 use super::{ConnectionId, ServerCore};
 use crate::testing::{Bug, is_planted};
 use bytes::Bytes;

@@ -15,7 +15,7 @@ use super::super::definition::Tagged;
 use super::super::error::RefusalCode;
 use super::super::rights::RIGHT_PREFIX;
 use super::super::{Command, Event, Flags, Form, State, Value};
-use super::telling::Telling;
+use super::connection::telling::Telling;
 use super::{ConnectionId, ServerCore};
 use access::Access;
 use sk_flat::Name;

@@ -1,7 +1,7 @@
 //! What is done on a worker for uploads and downloads: this machine's disk must not hold up the loop.
 
 use super::super::SkFlowSat;
-use super::uploads::Source;
+use super::porter::uploads::Source;
 use crate::Cx;
 use crate::world::{Job, Storage};
 use bytes::Bytes;

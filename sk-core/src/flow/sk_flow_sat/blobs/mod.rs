@@ -1,10 +1,8 @@
 //! Blob channels of a satellite: files on their way to the hub and from it.
 
-mod downloads;
 mod errands;
 mod objects;
 mod porter;
-mod uploads;
 
 pub(super) use objects::tell_told;
 pub use objects::{BlobProgress, FlowBlob, FlowDownload};

@@ -1,9 +1,9 @@
 //! A blob channel of one's own, and a download, as objects.
 
 use super::super::SkFlowSat;
-use super::downloads::Sink;
+use super::porter::downloads::Sink;
+use super::porter::uploads::Source;
 use super::porter::{ListAnswer, LookAnswer, Order, Told};
-use super::uploads::Source;
 use crate::Cx;
 use crate::flow::Flow;
 use crate::flow::RefusalCode;
