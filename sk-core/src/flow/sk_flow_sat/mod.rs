@@ -15,7 +15,6 @@ mod udp;
 pub use blobs::{BlobProgress, FlowBlob, FlowDownload};
 pub use databases::{FlowDatabase, Variable};
 pub use message::{Flow, FlowMessage};
-pub(crate) use services::doc_or_map;
 pub use services::{Answer, Call, CallError};
 
 use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteEvent, TickReport};
@@ -390,7 +389,7 @@ impl SkFlowSat {
         }
         let this = cx.this(self);
         cx.post_own(this, move |cx| {
-            databases::database::tell_told(cx, this);
+            databases::commands::tell_told(cx, this);
             asking::tell_answers(cx, this);
             blobs::tell_told(cx, this);
             cx.emit_own(this, |satellite| &satellite.lost, &why);
