@@ -46,11 +46,21 @@ fn what_is_wrong_with_an_address_is_said() {
     assert!(unusable && why.contains("refuses the upgrade: 404 Not Found: "), "{why}");
     let (why, unusable) = heard_at(Kind::WebSocket, |at| at.replace("ws:", "tls:").replace("/flow", ""));
     assert!(unusable && why.contains("no TLS is spoken there"), "{why}");
-    let (why, unusable) = heard_at(Kind::WebSocket, |at| at.replace("ws:", "tcp:").replace("/flow", ""));
+    let ssh = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
+    let there = ssh.local_addr().expect("it has one");
+    let stranger = std::thread::spawn(move || {
+        let (mut peer, _) = ssh.accept().expect("somebody comes");
+        peer.write_all(b"SSH-2.0-OpenSSH_9.2p1 Debian-2+deb12u3\r\n").expect("room");
+        peer
+    });
+    let (why, unusable) = heard_at(Kind::WebSocket, |_| format!("tcp:{there}"));
     assert!(unusable && why.contains("what answers there is no hub"), "{why}");
+    stranger.join().expect("it spoke");
     // Nobody listens there any more.
-    let free = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
-    let free = free.local_addr().expect("it has one");
+    let free = {
+        let gone = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
+        gone.local_addr().expect("it has one")
+    };
     let (why, unusable) = heard_at(Kind::WebSocket, |_| format!("tcp:{free}"));
     assert!(!unusable && why.contains("refused"), "{why}");
 }
