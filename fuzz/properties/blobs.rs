@@ -132,7 +132,7 @@ impl Robot {
 
     /// Until hub, disk and those who read what they are sent have nothing left to do.
     fn settle(&mut self) {
-        loop {
+        for _ in 0..SEEN_MAX {
             let mut idle = true;
             while self.hub.work(Instant::ZERO) {}
             while let Some(request) = self.hub.next_blob_request() {
@@ -143,7 +143,7 @@ impl Robot {
                 idle = false;
             }
             for id in self.connections.clone() {
-                while self.hub.take(id).is_some() {
+                while self.hub.has_output(id) && self.hub.take(id).is_some() {
                     idle = false;
                 }
             }
@@ -152,6 +152,8 @@ impl Robot {
                 return;
             }
         }
+        let (requests, work) = (self.hub.has_blob_requests(), self.hub.has_work());
+        panic!("hub and disk do not come to rest: requests {requests}, work {work}");
     }
 
     /// All files below the hub's folder, with what is in them. Every name there is a safe one.
