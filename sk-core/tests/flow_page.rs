@@ -165,7 +165,8 @@ fn limits() -> Vec<(&'static str, String)> {
         ("deadline of a request, largest", format!("{DEADLINE_MAX:?}")),
         ("channels that repeat one another in a row", REPLICA_LEVELS_MAX.to_string()),
         ("waiting for one connection, and kept of its channels", bytes(CONNECTION_BYTES_MAX)),
-        ("waiting for all and kept, shared payloads once", bytes(HUB_BYTES_MAX)),
+        ("waiting for all, kept and held, shared payloads once", bytes(HUB_BYTES_MAX)),
+        ("of that, held of unfinished messages", bytes(UNFINISHED_BYTES_MAX_IN_ALL)),
         ("of that, kept", bytes(KEPT_BYTES_MAX)),
         (
             "credit of a reliable channel beyond what its slowest subscriber took",

@@ -40,7 +40,7 @@ use super::error::{ClosingReason, ProtocolError, RefusalCode};
 use super::frame::Flags;
 use super::limits::{
     CHECK_INTERVAL, CONNECTIONS_MAX, FRAGMENT_BYTES_MAX, LINGER_TIME_MAX, LOG_LINES_PER_SECOND_MAX,
-    LOGIN_TIME_MAX, UNAUTHENTICATED_MAX,
+    LOGIN_TIME_MAX, UNAUTHENTICATED_MAX, UNFINISHED_BYTES_MAX_IN_ALL,
 };
 use super::login::{Nonce, OwnerToken};
 use super::wire::Slices;
@@ -58,7 +58,7 @@ use databases::storing::Storing;
 use notice::LogLimit;
 use services::requests::Requests;
 use sk_flat::{Instant, Name};
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeMap, VecDeque};
 use sync::Clock;
 use thiserror::Error;
 
@@ -124,6 +124,8 @@ pub struct ServerCore {
     budget: Budget,
     /// What is kept for late joiners and those who poll.
     kept: usize,
+    /// Of that, what is held of unfinished messages.
+    unfinished: Budget,
     sessions: Sessions,
     udp: Udp,
     addresses: Addresses,
@@ -138,7 +140,7 @@ pub struct ServerCore {
     /// The open requests to services.
     requests: Requests,
     /// Those of them that the hub itself is to answer.
-    serving: BTreeSet<RequestId>,
+    serving: BTreeMap<RequestId, Charge>,
     unmatched_answers: u64,
     /// The sync channels and their targets.
     clocks: BTreeMap<ChannelRef, Clock>,
@@ -156,6 +158,7 @@ impl ServerCore {
     pub fn new(settings: Settings, now: Instant) -> ServerCore {
         let mut core = ServerCore {
             accounts: Accounts::new(settings.token.as_ref()),
+        let budget = Budget::default();
             settings,
             connections: Connections::default(),
             channels: Registry::default(),
@@ -167,7 +170,8 @@ impl ServerCore {
             notices: VecDeque::new(),
             to_close: VecDeque::new(),
             ended: Counts::default(),
-            budget: Budget::default(),
+            unfinished: budget.part(UNFINISHED_BYTES_MAX_IN_ALL),
+            budget,
             kept: 0,
             sessions: Sessions::default(),
             udp: Udp::default(),
@@ -178,7 +182,7 @@ impl ServerCore {
             newcomers: VecDeque::new(),
             late_fragments: 0,
             requests: Requests::default(),
-            serving: BTreeSet::new(),
+            serving: BTreeMap::new(),
             unmatched_answers: 0,
             clocks: BTreeMap::new(),
             spurious: 0,
@@ -214,7 +218,9 @@ impl ServerCore {
             self.evict();
         }
         self.databases.stir(&nonce);
-        let id = self.connections.add(Connection::new(origin, nonce, now));
+        let id = self
+            .connections
+            .add(Connection::new(origin, nonce, now, self.unfinished.clone()));
         self.waiting += 1;
         while let Some(first) = self.newcomers.front()
             && !self.connections.get(*first).is_some_and(is_waiting)
@@ -357,7 +363,15 @@ impl ServerCore {
         sum
     }
 
-    /// How many bytes wait for all connections or are kept, shared payloads counted once.
+    /// Lets this hub hold no more bytes than that for all connections together, and half of it of unfinished
+    /// messages; 256 MiB are what it may hold otherwise.
+    pub fn narrow_bytes(&mut self, bytes_max: usize) {
+        self.budget.narrow(bytes_max);
+        self.unfinished.narrow(bytes_max / 2);
+    }
+
+    /// How many bytes wait for all connections, are kept, or are held of unfinished messages, requests and
+    /// answers, shared payloads counted once.
     pub fn bytes_waiting(&self) -> usize {
         self.budget.used()
     }

@@ -2,7 +2,7 @@
 
 use super::super::definition::{Encoded, Tagged};
 use super::super::error::{ProtocolError, RefusalCode};
-use super::super::limits::TURN_COST_MAX;
+use super::super::limits::{FRAGMENT_BYTES_MAX, TURN_COST_MAX};
 use super::super::scram::Verifier;
 use super::super::{ChannelKind, Command, Event, Flags, Message};
 use super::blobs::UploadPiece;
@@ -100,6 +100,13 @@ impl ServerCore {
         match message {
             Command::Hello { magic, version, version_oldest, fragment_bytes, message_bytes, nonce } => {
                 self.hello(
+        // A whole message finds room, or none, with those who hear it.
+        let held = message.definition().fragment
+            && !(flags == Flags::WHOLE && matches!(message, Command::Publish { .. }));
+        if held && !self.budget.has_room_for(FRAGMENT_BYTES_MAX) {
+            // Who does not read what waits for him is not to keep others from sending.
+            self.make_room();
+        }
                     id,
                     tag,
                     super::access::login::Greeting {

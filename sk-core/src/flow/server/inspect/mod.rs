@@ -102,7 +102,7 @@ impl ServerCore {
                 ("channels of a flow", limits::CHANNELS_PER_FLOW_MAX as u64),
                 ("subscriptions of a flow", limits::SUBSCRIPTIONS_PER_FLOW_MAX as u64),
                 ("bytes waiting for a connection", limits::CONNECTION_BYTES_MAX as u64),
-                ("bytes waiting in all", limits::HUB_BYTES_MAX as u64),
+                ("bytes waiting in all", self.budget.max() as u64),
                 ("bytes of a message", limits::MESSAGE_BYTES_MAX as u64),
             ]
             .map(named)
