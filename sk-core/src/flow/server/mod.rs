@@ -19,6 +19,7 @@ mod connection;
 mod databases;
 mod inspect;
 mod notice;
+mod refusing;
 mod services;
 mod sync;
 #[cfg(test)]
@@ -35,8 +36,8 @@ pub use services::requests::RequestId;
 use super::channel::{Channel, Owner, Registry};
 use super::database::{DatabaseKind, DatabaseName, Databases, Entity};
 use super::definition::Encoded;
-use super::delivery::{Budget, Counts, DropReason};
-use super::error::{ClosingReason, ProtocolError, RefusalCode};
+use super::delivery::{Budget, Charge, Counts, DropReason};
+use super::error::{ClosingReason, ProtocolError};
 use super::frame::Flags;
 use super::limits::{
     CHECK_INTERVAL, CONNECTIONS_MAX, FRAGMENT_BYTES_MAX, LINGER_TIME_MAX, LOG_LINES_PER_SECOND_MAX,
@@ -45,7 +46,6 @@ use super::limits::{
 use super::login::{Nonce, OwnerToken};
 use super::wire::Slices;
 use super::{ChannelRef, Event, Message, State};
-use crate::testing::{Bug, is_planted};
 use access::accounts::Accounts;
 use access::sessions::Sessions;
 use blobs::desk::Filing;
@@ -112,6 +112,8 @@ pub struct ServerCore {
     databases: Databases,
     storing: Storing,
     filing: Filing,
+    /// The command that is being carried out, by its name in the table.
+    asked: Option<&'static str>,
     /// Connections with commands that wait for their turn.
     work: VecDeque<ConnectionId>,
     dirty: Vec<ConnectionId>,
@@ -122,10 +124,10 @@ pub struct ServerCore {
     ended: Counts,
     /// What waits and is kept in all, shared payloads counted once.
     budget: Budget,
-    /// What is kept for late joiners and those who poll.
-    kept: usize,
     /// Of that, what is held of unfinished messages.
     unfinished: Budget,
+    /// What is kept for late joiners and those who poll.
+    kept: usize,
     sessions: Sessions,
     udp: Udp,
     addresses: Addresses,
@@ -156,15 +158,16 @@ pub struct ServerCore {
 impl ServerCore {
     /// A hub with nobody connected.
     pub fn new(settings: Settings, now: Instant) -> ServerCore {
+        let budget = Budget::default();
         let mut core = ServerCore {
             accounts: Accounts::new(settings.token.as_ref()),
-        let budget = Budget::default();
             settings,
             connections: Connections::default(),
             channels: Registry::default(),
             databases: Databases::default(),
             storing: Storing::default(),
             filing: Filing::default(),
+            asked: None,
             work: VecDeque::new(),
             dirty: Vec::new(),
             notices: VecDeque::new(),
@@ -398,11 +401,6 @@ impl ServerCore {
 
     fn answer(&mut self, id: ConnectionId, tag: u32, event: &Event) {
         self.send(id, event.encode(tag, Flags::NONE));
-    }
-
-    fn refuse(&mut self, id: ConnectionId, tag: u32, code: RefusalCode) {
-        assert!(!is_planted(Bug::PanicAtRefusal), "a bug was planted here");
-        self.answer(id, tag, &Event::Refused { code: code.code(), text: code.to_string() });
     }
 
     fn mark_dirty(&mut self, id: ConnectionId) {

@@ -76,7 +76,10 @@ impl ServerCore {
                 Ok(Some(tagged)) => {
                     connection.frame_begun = None;
                     let cost = tagged.message.definition().cost;
-                    if let Err(error) = self.dispatch(id, tagged) {
+                    self.asked = Some(tagged.message.definition().name);
+                    let done = self.dispatch(id, tagged);
+                    self.asked = None;
+                    if let Err(error) = done {
                         return self.kill(id, error);
                     }
                     if cost >= budget {
@@ -97,9 +100,6 @@ impl ServerCore {
             self.refuse_once(id, tag, flags, &message, RefusalCode::Denied);
             return Ok(());
         }
-        match message {
-            Command::Hello { magic, version, version_oldest, fragment_bytes, message_bytes, nonce } => {
-                self.hello(
         // A whole message finds room, or none, with those who hear it.
         let held = message.definition().fragment
             && !(flags == Flags::WHOLE && matches!(message, Command::Publish { .. }));
@@ -107,6 +107,9 @@ impl ServerCore {
             // Who does not read what waits for him is not to keep others from sending.
             self.make_room();
         }
+        match message {
+            Command::Hello { magic, version, version_oldest, fragment_bytes, message_bytes, nonce } => {
+                self.hello(
                     id,
                     tag,
                     super::access::login::Greeting {
