@@ -15,7 +15,6 @@ mod udp;
 pub use blobs::{BlobProgress, FlowBlob, FlowDownload};
 pub use databases::{FlowDatabase, Variable};
 pub use message::{Flow, FlowMessage};
-pub(crate) use services::doc_or_map;
 pub use services::{Answer, Call, CallError};
 
 use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteEvent, TickReport};

@@ -8,7 +8,7 @@ use super::SkFlowSat;
 use crate::Cx;
 use crate::flow::limits::{DEADLINE_DEFAULT, DEADLINE_MAX};
 use crate::flow::satellite::{SatelliteCore, SatelliteError, SatelliteEvent};
-use crate::flow::service::{Home, Request, Service};
+use crate::flow::service::{Home, Request, Service, doc_or_map};
 use crate::flow::{ChannelKind, ChannelRef};
 use crate::object::Handle;
 use bytes::Bytes;
@@ -51,6 +51,7 @@ struct Serving {
     properties: SkVariant,
     channel: Option<ChannelRef>,
     object: Handle<Service>,
+    home: Rc<dyn Home>,
 }
 
 struct Asking {
@@ -96,16 +97,17 @@ impl SkFlowSat {
             core.create_service(name, &properties)?;
         }
         let (this, name) = (cx.this(self), Rc::<str>::from(name));
-        let object = cx.under(this).spawn(Service::new(Home::Satellite(this), name.clone()));
+        let home: Rc<dyn Home> = Rc::new(this);
+        let object = cx.under(this).spawn(Service::new(home.clone(), name.clone()));
         self.services
             .serving
-            .insert(name, Serving { properties, channel: None, object });
+            .insert(name, Serving { properties, channel: None, object, home });
         self.flush_later(cx);
         Ok(object)
     }
 
     /// A service was buried.
-    pub(crate) fn withdraw(&mut self, cx: &mut Cx, object: Handle<Service>, name: &str) {
+    fn withdraw(&mut self, cx: &mut Cx, object: Handle<Service>, name: &str) {
         if self.services.serving.get(name).is_none_or(|serving| serving.object != object) {
             return;
         }
@@ -117,7 +119,7 @@ impl SkFlowSat {
         self.flush_later(cx);
     }
 
-    pub(crate) fn answer(&mut self, cx: &mut Cx, request: &Request, payload: Bytes, more: bool) -> bool {
+    fn answer(&mut self, cx: &mut Cx, request: &Request, payload: Bytes, more: bool) -> bool {
         let said = self.say(request, |core| core.answer(request.id, payload, more));
         if said && !more {
             self.services.asked.remove(&request.id);
@@ -126,7 +128,7 @@ impl SkFlowSat {
         said
     }
 
-    pub(crate) fn decline(&mut self, cx: &mut Cx, request: &Request, text: &str) -> bool {
+    fn decline(&mut self, cx: &mut Cx, request: &Request, text: &str) -> bool {
         let said = self.say(request, |core| core.decline(request.id, text));
         if said {
             self.services.asked.remove(&request.id);
@@ -154,25 +156,18 @@ impl SkFlowSat {
         }
     }
 
-    pub(crate) fn is_asked(&self, request: &Request) -> bool {
+    fn is_asked(&self, request: &Request) -> bool {
         request.link == self.link_number && self.core.as_ref().is_some_and(|core| core.is_asked(request.id))
     }
 
-    fn on_request(
-        &mut self,
-        this: Handle<SkFlowSat>,
-        channel: ChannelRef,
-        id: u64,
-        asker: u64,
-        payload: Bytes,
-    ) -> Option<Told> {
+    fn on_request(&mut self, channel: ChannelRef, id: u64, asker: u64, payload: Bytes) -> Option<Told> {
         let found = self
             .services
             .serving
             .iter()
             .find(|(_, serving)| serving.channel == Some(channel));
         let (name, serving) = found?;
-        let home = Home::Satellite(this);
+        let home = serving.home.clone();
         let (link, service) = (self.link_number, name.clone());
         let request = Request { home, link, id, service, asker, payload };
         let object = serving.object;
@@ -327,7 +322,7 @@ enum Told {
 pub(super) fn tell(cx: &mut Cx, satellite: Handle<SkFlowSat>, event: &SatelliteEvent) -> bool {
     let told = cx.with(satellite, |s, _| match event {
         SatelliteEvent::Request { channel, request, asker, payload } => {
-            s.on_request(satellite, *channel, *request, *asker, payload.clone())
+            s.on_request(*channel, *request, *asker, payload.clone())
         }
         SatelliteEvent::RequestOver { request } => {
             let request = s.services.asked.remove(request)?;
@@ -366,6 +361,25 @@ fn post_answer(cx: &mut Cx, answer: Answer) {
             if before { post_answer(cx, answer) } else { tell_answer(cx, &answer) }
         },
     );
+}
+
+/// Where the satellite has gone before its service, nobody waits and there is nothing to withdraw.
+impl Home for Handle<SkFlowSat> {
+    fn withdraw(&self, cx: &mut Cx, service: Handle<Service>, name: &str) {
+        let _ = cx.with(*self, |satellite, cx| satellite.withdraw(cx, service, name));
+    }
+
+    fn answer(&self, cx: &mut Cx, request: &Request, payload: Bytes, more: bool) -> bool {
+        cx.with(*self, |satellite, cx| satellite.answer(cx, request, payload, more)) == Ok(true)
+    }
+
+    fn decline(&self, cx: &mut Cx, request: &Request, text: &str) -> bool {
+        cx.with(*self, |satellite, cx| satellite.decline(cx, request, text)) == Ok(true)
+    }
+
+    fn is_asked(&self, cx: &mut Cx, request: &Request) -> bool {
+        cx.with(*self, |satellite, _| satellite.is_asked(request)) == Ok(true)
+    }
 }
 
 impl Handle<SkFlowSat> {
@@ -424,13 +438,5 @@ impl Handle<SkFlowSat> {
         // The call of a satellite that is gone names nobody.
         cx.with(self, |satellite, cx| satellite.begin_call(cx, service, payload, within))
             .unwrap_or_else(|_| Handle::nobody())
-    }
-}
-
-/// A text about a channel is its map's `doc`.
-pub(crate) fn doc_or_map(properties: SkVariant) -> SkVariant {
-    match properties.as_str() {
-        Some(text) => SkVariant::map([("doc", text.into())]),
-        None => properties,
     }
 }
