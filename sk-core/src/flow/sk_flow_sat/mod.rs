@@ -389,7 +389,7 @@ impl SkFlowSat {
         }
         let this = cx.this(self);
         cx.post_own(this, move |cx| {
-            databases::database::tell_told(cx, this);
+            databases::commands::tell_told(cx, this);
             asking::tell_answers(cx, this);
             blobs::tell_told(cx, this);
             cx.emit_own(this, |satellite| &satellite.lost, &why);

@@ -2,10 +2,9 @@
 //! database is preceded by a `db_select`; if that is refused, none is current and the command is refused too.
 //! Watches and creations are repeated after a reconnection.
 
-use super::super::accounts::as_variant;
-use super::database::{FlowDatabase, Variable};
+use super::object::{FlowDatabase, Variable};
 use crate::Cx;
-use crate::flow::satellite::{SatelliteCore, SatelliteEvent};
+use crate::flow::satellite::{AccountInfo, SatelliteCore, SatelliteEvent};
 use crate::flow::{Command, Form, RefusalCode, Value};
 use crate::object::Handle;
 use sk_flat::SkVariant;
@@ -466,4 +465,22 @@ fn full_name(core: &SatelliteCore, name: &str) -> String {
         OWN => format!("flow:{}", core.flow_name().unwrap_or_default()),
         name => name.to_owned(),
     }
+}
+
+/// A list on its way through the clerk, whose answers are variants: name, connections, name, connections.
+fn as_variant(accounts: &[AccountInfo]) -> SkVariant {
+    let items = accounts
+        .iter()
+        .flat_map(|account| [SkVariant::from(account.name.as_str()), SkVariant::from(account.connections)]);
+    SkVariant::from(items.collect::<Vec<_>>())
+}
+
+/// The list that such an answer is.
+pub(in super::super) fn listed(variant: Option<SkVariant>) -> Vec<AccountInfo> {
+    let items = variant.as_ref().and_then(SkVariant::as_list).unwrap_or_default();
+    let account = |pair: &[SkVariant]| AccountInfo {
+        name: pair[0].as_str().unwrap_or_default().to_owned(),
+        connections: u32::try_from(&pair[1]).unwrap_or_default(),
+    };
+    items.chunks_exact(2).map(account).collect()
 }

@@ -8,7 +8,7 @@ use super::super::super::Command;
 use super::super::super::Path;
 use super::super::super::blob::BlobEntry;
 use super::super::super::satellite::{SatelliteCore, SatelliteEvent};
-use super::errands::{Errand, Fetched};
+use super::errands::{Errand, Fetched, Source};
 use super::objects::{BlobProgress, FlowBlob, FlowDownload};
 use crate::Cx;
 use crate::flow::ChannelRef;
@@ -19,7 +19,7 @@ use downloads::{Download, Sink};
 use sk_flat::SkVariant;
 use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
-use uploads::{Source, Upload};
+use uploads::Upload;
 
 /// How many uploads, downloads and commands may be under way or wait for a hub.
 const WAITING_MAX: usize = 1_024;

@@ -1,25 +1,17 @@
 //! Files on their way to the hub.
 
-use super::super::errands::Errand;
+use super::super::errands::{Errand, Source};
 use super::super::objects::BlobProgress;
 use super::{Porter, Sent, Told};
 use crate::flow::satellite::SatelliteCore;
 use crate::flow::{Command, Path};
 use bytes::Bytes;
-use std::path::PathBuf;
 use std::rc::Rc;
 
 /// How long a piece is.
 const PIECE_BYTES: u64 = 256 * 1024;
 /// How much may be on its way without an answer.
 const AHEAD_BYTES_MAX: u64 = 4 * PIECE_BYTES;
-
-/// Where the bytes come from.
-#[derive(Clone)]
-pub(in super::super) enum Source {
-    Bytes(Bytes),
-    File(PathBuf),
-}
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Stage {
