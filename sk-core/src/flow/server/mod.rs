@@ -28,7 +28,7 @@ mod turn;
 pub use access::accounts::AccountsError;
 pub use access::sessions::Session;
 pub use channels::udp::DatagramCounts;
-pub use connection::{ConnectionId, Ending, Origin};
+pub use connection::identity::{ConnectionId, Ending, Origin};
 pub use notice::Notice;
 pub use services::requests::RequestId;
 
@@ -48,11 +48,13 @@ use super::{ChannelRef, Event, Message, State};
 use crate::testing::{Bug, is_planted};
 use access::accounts::Accounts;
 use access::sessions::Sessions;
+use blobs::desk::Filing;
 use channels::audience::Subscribers;
 use channels::udp::Udp;
 use connection::addresses::Addresses;
 use connection::alarms::Alarms;
 use connection::{Connection, Connections};
+use databases::storing::Storing;
 use notice::LogLimit;
 use services::requests::Requests;
 use sk_flat::{Instant, Name};
@@ -108,8 +110,8 @@ pub struct ServerCore {
     connections: Connections,
     channels: Registry<Subscribers>,
     databases: Databases,
-    storing: databases::Storing,
-    filing: blobs::Filing,
+    storing: Storing,
+    filing: Filing,
     /// Connections with commands that wait for their turn.
     work: VecDeque<ConnectionId>,
     dirty: Vec<ConnectionId>,
@@ -158,8 +160,8 @@ impl ServerCore {
             connections: Connections::default(),
             channels: Registry::default(),
             databases: Databases::default(),
-            storing: databases::Storing::default(),
-            filing: blobs::Filing::default(),
+            storing: Storing::default(),
+            filing: Filing::default(),
             work: VecDeque::new(),
             dirty: Vec::new(),
             notices: VecDeque::new(),

@@ -5,7 +5,7 @@
 
 use super::super::connection::Connection;
 use super::super::connection::telling::Telling;
-use super::super::databases::Purpose;
+use super::super::databases::storing::Purpose;
 use super::super::{ConnectionId, ServerCore};
 use super::permission::Permission;
 use crate::flow::database::{Contents, DatabaseKind, DatabaseName, Entity, Reach, StoreWork};

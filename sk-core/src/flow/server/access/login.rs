@@ -1,6 +1,6 @@
 //! Greeting, login, and the switch to a flow.
 
-use super::super::connection::Origin;
+use super::super::connection::identity::Origin;
 use super::super::connection::telling::Telling;
 use super::super::{ConnectionId, Notice, ServerCore};
 use super::permission::Permission;

@@ -17,7 +17,7 @@ use super::super::error::RefusalCode;
 use super::super::limits::CHANNELS_PER_FLOW_MAX;
 use super::super::{ChannelKind, ChannelRef, Encoded, Event, Flags, Form, Message, Properties, Right};
 use super::access::permission::owning_right;
-use super::connection::Incoming;
+use super::connection::incoming::Incoming;
 use super::connection::telling::Telling;
 use super::{ConnectionId, Notice, ServerCore, owning_flow};
 use crate::testing::{Bug, is_planted};

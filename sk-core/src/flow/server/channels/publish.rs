@@ -1,6 +1,6 @@
 //! Publishing: fragments in, whole messages out to every subscriber.
 
-use super::super::connection::Incoming;
+use super::super::connection::incoming::Incoming;
 use super::super::{ConnectionId, ServerCore};
 use super::audience::Admitted;
 use crate::flow::channel::Owner;

@@ -1,14 +1,16 @@
-//! The connections of a hub: identities that are never reused, and what is known of each.
+//! The connections of a hub, and what is known of each.
 
 pub(super) mod addresses;
 pub(super) mod alarms;
 mod deadlines;
+pub(super) mod identity;
+pub(super) mod incoming;
 pub(super) mod output;
 pub(super) mod talk;
 pub(super) mod telling;
 
 use super::super::channel::outgoing::Begun;
-use super::super::definition::{Encoded, Rights, Tagged};
+use super::super::definition::{Encoded, Tagged};
 use super::super::error::{ClosingReason, ProtocolError};
 use super::super::fragment::Gathering;
 use super::super::inbound::Inbound;
@@ -16,113 +18,16 @@ use super::super::login::Nonce;
 use super::super::scram::ServerExchange;
 use super::super::{ChannelRef, Command, Form, State};
 use super::access::permission::Permission;
-use super::blobs::BlobDesk;
+use super::blobs::desk::BlobDesk;
 use super::channels::udp::UdpSession;
-use super::databases::Desk;
+use super::databases::desk::Desk;
 use super::services::requests::RequestId;
+use identity::{ConnectionId, Origin};
+use incoming::{Call, Incoming};
 use output::Output;
 use sk_flat::{Instant, Name};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
-use std::fmt;
-use std::net::IpAddr;
-use telling::Telling;
-
-/// Identity of a connection: no two live ones share it, and a former one's finds nobody.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct ConnectionId {
-    generation: u32,
-    index: u32,
-}
-
-impl ConnectionId {
-    /// The number on the wire, never 0.
-    pub const fn wire(self) -> u64 {
-        (self.generation as u64) << 32 | self.index as u64
-    }
-
-    pub(super) const fn from_wire(wire: u64) -> ConnectionId {
-        ConnectionId { generation: (wire >> 32) as u32, index: wire as u32 }
-    }
-}
-
-impl fmt::Display for ConnectionId {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}.{}", self.index, self.generation)
-    }
-}
-
-/// Where a connection comes from, as its transport knows it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Origin {
-    /// From this address.
-    Network(IpAddr),
-    /// Over a Unix socket, from a process of this user.
-    Unix {
-        /// The user id that the kernel tells.
-        uid: u32,
-    },
-    /// Over a serial line.
-    Line,
-    /// From inside the hub's own process.
-    Inside {
-        /// What it may do after `login_peer`.
-        rights: Rights,
-    },
-}
-
-impl fmt::Display for Origin {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Origin::Network(address) => write!(f, "{address}"),
-            Origin::Unix { uid } => write!(f, "local user {uid}"),
-            Origin::Line => f.write_str("a serial line"),
-            Origin::Inside { .. } => f.write_str("this process"),
-        }
-    }
-}
-
-/// Why a connection ended.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Ending {
-    /// The peer or the transport ended it.
-    Left,
-    /// The hub ended it and said why.
-    Closed(ClosingReason),
-    /// The peer sent what no honest one sends.
-    Spurious(ProtocolError),
-}
-
-/// An answer of many lines while it is being given: to `list_channels`, `set_async`, `db_all` and such.
-#[derive(Clone, Debug)]
-pub(super) struct Replay {
-    pub(super) tag: u32,
-    /// The form of the values.
-    pub(super) form: Form,
-    pub(super) told: u32,
-    pub(super) what: Telling,
-}
-
-/// What an unfinished message of a client's is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(super) enum Incoming {
-    /// Of a channel of its own.
-    Publish(ChannelRef),
-    /// The call with this tag.
-    Call(u32),
-    /// The answer to this request.
-    Answer(u64),
-    /// The piece of an upload with this tag.
-    Upload(u32),
-}
-
-/// How far a call has come.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Call {
-    /// Its fragments come in.
-    Begun,
-    /// The owner of the service has it.
-    Open(RequestId),
-}
+use telling::Replay;
 
 /// All that a hub keeps of one connection.
 #[derive(Debug)]

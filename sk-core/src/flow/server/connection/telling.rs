@@ -1,10 +1,9 @@
 //! Lists: answers of many lines, of which the next is made when there is room for it. Later commands of the
 //! connection wait for the end.
 
-use super::super::blobs::Listing;
-use super::super::databases::sendable;
+use super::super::blobs::desk::Listing;
+use super::super::databases::watches::sendable;
 use super::super::{ConnectionId, Notice, ServerCore};
-use super::Replay;
 use crate::flow::database::DatabaseName;
 use crate::flow::definition::Encoded;
 use crate::flow::{Event, Flags, Form, Message, Value};
@@ -46,6 +45,16 @@ pub(in super::super) enum Telling {
     },
     /// What stands in a folder of a blob channel.
     Blobs(Listing),
+}
+
+/// An answer of many lines while it is being given: to `list_channels`, `set_async`, `db_all` and such.
+#[derive(Clone, Debug)]
+pub(in super::super) struct Replay {
+    pub(in super::super) tag: u32,
+    /// The form of the values.
+    pub(in super::super) form: Form,
+    pub(in super::super) told: u32,
+    pub(in super::super) what: Telling,
 }
 
 impl Telling {

@@ -10,8 +10,8 @@ use super::super::limits::{
     REQUESTS_PER_OWNER_MAX, TEXT_BYTES_MAX,
 };
 use super::super::{ChannelKind, ChannelRef, Event, Flags, Message as _, Properties, Right};
+use super::connection::incoming::{Call, Incoming};
 use super::connection::talk::{Kind, Talk, TalkKey};
-use super::connection::{Call, Incoming};
 use super::{ConnectionId, Notice, ServerCore, owning_flow};
 use crate::testing::{Bug, is_planted};
 use bytes::Bytes;

@@ -1,6 +1,6 @@
 //! The open requests of a hub: ids that are never used twice, and which deadline comes first.
 
-use super::super::connection::ConnectionId;
+use super::super::connection::identity::ConnectionId;
 use crate::flow::ChannelRef;
 use sk_flat::Instant;
 use std::collections::{BTreeSet, VecDeque};
