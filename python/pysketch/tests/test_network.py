@@ -4,7 +4,7 @@ import os
 import unittest
 
 from hub import Hub, HubTest, Patience, free_port
-from pysketch import FlowSat, LinkError, LoginError, Refused, Sketch, Token, connect
+from pysketch import Closed, FlowSat, LinkError, LoginError, Refused, Sketch, Token, connect
 
 
 class Streams(HubTest):
@@ -86,6 +86,25 @@ class Questions(HubTest):
         with self.assertRaises(LinkError) as caught:
             connect("robot")
         self.assertIn("tcp:HOST:PORT", str(caught.exception))
+
+    def test_a_connection_that_was_left_alone_asks_on(self):
+        with connect(self.hub.unix) as owner:
+            owner.create_database("shelf")
+            owner.select("shelf").set("cup", 1)
+            with connect(self.hub.unix) as hub:
+                hub.select("shelf")
+                before = hub._connection
+                # As if the last answer had come long ago: the hub would have ended it.
+                before.heard -= 60
+                self.assertEqual(hub.get("cup"), 1)
+                self.assertIsNot(hub._connection, before)
+                hub._connection.heard -= 60
+                owner.remove_database("shelf")
+                self.assertRaises(Refused, hub.get, "cup")
+                self.assertTrue(hub.channels() is not None)
+        with self.assertRaises(Closed) as caught:
+            hub.channels()
+        self.assertIn("was closed", str(caught.exception))
 
 
 class Reconnection(Patience):

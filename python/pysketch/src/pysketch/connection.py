@@ -82,6 +82,10 @@ class Connection(object):
             if len(piece):
                 self._push(piece)
 
+    def send_frames(self, frames):
+        """Queues frames as they are; more than 4 KiB are not copied and must not change until they were sent."""
+        self._push(frames)
+
     def _push(self, part):
         length = len(part)
         self._out_bytes += length
