@@ -80,10 +80,10 @@ class Asyncio(HubTest):
             closed = sat.messages("robot.closed")
             tasks.append(asyncio.ensure_future(names["listen"](closed, seen)))
             while not once.wanted:
-                yield asyncio.sleep(0)
+                yield asyncio.ensure_future(asyncio.sleep(0))
             once.publish(1)
             while not seen:
-                yield asyncio.sleep(0)
+                yield asyncio.ensure_future(asyncio.sleep(0))
             self.assertEqual(seen, [1])
             closed.close()
             yield tasks[2]

@@ -50,7 +50,7 @@ class Stubs(unittest.TestCase):
         with open(os.path.join(FOLDER, "__init__.pyi")) as file:
             classes = dict((node.name, node) for node in ast.parse(file.read()).body if isinstance(node, ast.ClassDef))
         inner = {"SyncConnection": ("on_run", "on_event")}
-        for name in ("FlowSat", "Sketch", "SyncConnection", "Message", "Reply", "Files", "Token"):
+        for name in ("FlowSat", "Sketch", "SyncConnection", "Message", "Reply", "Files"):
             said = set(node.name for node in classes[name].body if isinstance(node, ast.FunctionDef))
             said |= set(node.target.id for node in classes[name].body if isinstance(node, ast.AnnAssign))
             there = set(one for one in vars(getattr(pysketch, name)) if not one.startswith("_"))

@@ -52,7 +52,7 @@ class Statistics(object):
             self._spans += 1
         self._last = now
 
-    
+    @property
     def mean_interval(self):
         """See there; 0.0 before the second pulse."""
         return (self._last - self._first) / self._spans if self._spans else 0.0

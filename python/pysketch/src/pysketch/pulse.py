@@ -113,8 +113,9 @@ class Pulse(object):
 
     def _wait_for_sync(self, link, wants_write):
         if self._synced:
+            # Nothing is read before it: a further tick that has come makes a further round.
             self._synced = False
-            return self._tick(None), True, wants_write
+            return self._tick(None), False, wants_write
         readable, writable = look(link, wants_write, 4 * self.interval)
         if not readable and not writable:
             self.statistics.sync_lost += 1
