@@ -64,6 +64,34 @@ class Streams(HubTest):
         one.close()
         two.close()
 
+    def test_another_hub_that_is_not_there_is_no_loss_of_this_one(self):
+        lost, asked = [], []
+
+        def ask_elsewhere(message):
+            asked.append(message.value)
+            connect("unix:/nowhere/hub.sock")
+        sat = self.sat()
+        sat.on_lost = lost.append
+        stream = sat.stream("trouble")
+        sat.subscribe("robot.trouble", ask_elsewhere)
+        self.until(lambda: stream.listened, sat)
+        stream.publish(1)
+        with self.assertRaises(LinkError) as caught:
+            self.until(lambda: False, sat)
+        self.assertIn("/nowhere", str(caught.exception))
+        self.assertEqual((asked, lost, sat.ready), ([1], [], True))
+
+    def test_a_name_that_another_flow_has_is_waited_for(self):
+        one, two, lost = self.sat(name="twin"), self.sat(name="twin"), []
+        two.on_lost = lost.append
+        self.until(lambda: one.ready, one)
+        self.until(lambda: lost, two)
+        one.close()
+        self.until(lambda: two.ready, two)
+        self.assertEqual(two.flow_name, u"robot.twin")
+        # Said once, however often it was tried.
+        self.assertEqual(len(lost), 1)
+
 
 class Questions(HubTest):
     """Temporary synchronous connections."""

@@ -148,17 +148,20 @@ class Flow(object):
             if connection is self.connection and (readable or writable):
                 connection.flush()
         except (LinkError, ProtocolError, LoginError) as error:
+            if getattr(error, "of_the_program", False):
+                raise
             if connection is self.connection:
                 self.lose(error)
 
     def look_after(self, now):
         """Writes what the round left, and what is due by time."""
+        is_due = now - self._checked >= CHECK_EVERY_S
+        if is_due:
+            self._checked = now
+            self._check(now)
         try:
-            if now - self._checked >= CHECK_EVERY_S:
-                self._checked = now
-                if self.connection is not None:
-                    self.connection.check(now)
-                self._check(now)
+            if is_due and self.connection is not None:
+                self.connection.check(now)
             if self.connection is not None and self.connection.waiting:
                 self.connection.flush()
         except LinkError as error:
@@ -302,6 +305,6 @@ class Flow(object):
             then(refusal)
         elif not self.ready:
             # A half-open predecessor of this name still lives at the hub: it goes within some seconds.
-            raise Closed(refusal.code, refusal.text)
+            self.lose(Closed(refusal.code, refusal.text))
         else:
             self.listener.on_refused(refusal)
