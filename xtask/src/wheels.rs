@@ -36,7 +36,8 @@ pub(crate) fn build(workspace: &Workspace, folder: &Path) -> Result<Built, Failu
     )?;
     process::run(
         Command::new(bin.join("maturin"))
-            .args(["build", "--quiet", "--release", "--target-dir"])
+            // Pips of old Pythons know of no newer kind of platform than plain Linux.
+            .args(["build", "--quiet", "--release", "--compatibility", "linux", "--target-dir"])
             .arg(&workspace.target)
             .arg("--out")
             .arg(folder)

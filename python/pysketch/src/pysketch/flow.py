@@ -305,6 +305,7 @@ class Flow(object):
             then(refusal)
         elif not self.ready:
             # A half-open predecessor of this name still lives at the hub: it goes within some seconds.
-            self.lose(Closed(refusal.code, refusal.text))
+            taken = "another satellite is called %s" % self.wanted_name
+            self.lose(Closed(refusal.code, taken if refusal.code == "Exists" else refusal.text))
         else:
             self.listener.on_refused(refusal)
