@@ -82,7 +82,12 @@ impl SkApp {
 
     /// An application with settings of its own.
     pub fn builder() -> SkAppBuilder {
-        SkAppBuilder { name: "main".to_owned(), settings: LoopSettings::default(), world: None, freed_bytes_kept: None }
+        SkAppBuilder {
+            name: "main".to_owned(),
+            settings: LoopSettings::default(),
+            world: None,
+            freed_bytes_kept: None,
+        }
     }
 
     pub(crate) fn assemble(cx: Cx, scheduler: Option<Rc<Scheduler>>) -> SkApp {
