@@ -1,12 +1,11 @@
 //! A service and the requests that it gets, as its owner sees them.
 
-use super::sk_flow_sat::SkFlowSat;
-use super::sk_flow_server::SkFlowServer;
 use crate::Cx;
 use crate::object::Handle;
 use crate::signal::Signal;
 use bytes::Bytes;
 use sk_flat::{IntoVariant, SkVariant, VariantError};
+use std::fmt;
 use std::rc::Rc;
 
 /// A service of one's own, made by `serve` of a satellite or of a hub. It is restored when a lost hub is found
@@ -54,7 +53,7 @@ use std::rc::Rc;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub struct Service {
-    home: Home,
+    home: Rc<dyn Home>,
     name: Rc<str>,
     /// Somebody asks. To be answered from the slot or later, declined, or left to its deadline.
     pub request: Signal<Request>,
@@ -67,15 +66,23 @@ crate::object! {
     pub Service { signals { request(&Request) request_over(&Request) } hooks { on_destroy } }
 }
 
-/// Where a service lives.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum Home {
-    Satellite(Handle<SkFlowSat>),
-    Hub(Handle<SkFlowServer>),
+/// What a service needs of where it lives: in a satellite, or in the hub itself.
+pub(crate) trait Home: fmt::Debug {
+    /// The service was buried.
+    fn withdraw(&self, cx: &mut Cx, service: Handle<Service>, name: &str);
+
+    /// Sends an answer. Says whether somebody waited for it.
+    fn answer(&self, cx: &mut Cx, request: &Request, payload: Bytes, more: bool) -> bool;
+
+    /// Will not answer. Says whether somebody waited.
+    fn decline(&self, cx: &mut Cx, request: &Request, text: &str) -> bool;
+
+    /// Whether somebody waits for an answer.
+    fn is_asked(&self, cx: &mut Cx, request: &Request) -> bool;
 }
 
 impl Service {
-    pub(crate) fn new(home: Home, name: Rc<str>) -> Service {
+    pub(crate) fn new(home: Rc<dyn Home>, name: Rc<str>) -> Service {
         Service { home, name, request: Signal::new(), request_over: Signal::new() }
     }
 
@@ -85,21 +92,15 @@ impl Service {
     }
 
     fn on_destroy(&mut self, cx: &mut Cx) {
-        let (name, this) = (self.name.clone(), cx.this(self));
-        // Where its home has gone before it there is nothing to withdraw.
-        let _ = match self.home {
-            Home::Satellite(satellite) => {
-                cx.with(satellite, |satellite, cx| satellite.withdraw(cx, this, &name))
-            }
-            Home::Hub(server) => cx.with(server, |server, cx| server.withdraw(cx, this)),
-        };
+        let this = cx.this(self);
+        self.home.withdraw(cx, this, &self.name);
     }
 }
 
 /// A request to a service. A clone stands for the same request; it may be kept and answered later, once.
 #[derive(Clone, Debug)]
 pub struct Request {
-    pub(crate) home: Home,
+    pub(crate) home: Rc<dyn Home>,
     /// Which link to the hub it came over: another hub may give the same id again.
     pub(crate) link: u64,
     pub(crate) id: u64,
@@ -160,22 +161,12 @@ impl Request {
 
     /// Will not answer; the asker hears the text. Says whether somebody waited.
     pub fn decline(&self, cx: &mut Cx, text: &str) -> bool {
-        let declined = match self.home {
-            Home::Satellite(satellite) => {
-                cx.with(satellite, |satellite, cx| satellite.decline(cx, self, text))
-            }
-            Home::Hub(server) => cx.with(server, |server, cx| server.decline(cx, self, text)),
-        };
-        declined.unwrap_or(false)
+        self.home.decline(cx, self, text)
     }
 
     /// Whether somebody waits for an answer.
     pub fn is_open(&self, cx: &mut Cx) -> bool {
-        let open = match self.home {
-            Home::Satellite(satellite) => cx.with(satellite, |satellite, _| satellite.is_asked(self)),
-            Home::Hub(server) => cx.with(server, |server, _| server.is_asked(self)),
-        };
-        open.unwrap_or(false)
+        self.home.is_asked(cx, self)
     }
 
     fn send_value(&self, cx: &mut Cx, value: impl IntoVariant, more: bool) -> bool {
@@ -189,12 +180,14 @@ impl Request {
     }
 
     fn send(&self, cx: &mut Cx, payload: Bytes, more: bool) -> bool {
-        let sent = match self.home {
-            Home::Satellite(satellite) => {
-                cx.with(satellite, |satellite, cx| satellite.answer(cx, self, payload, more))
-            }
-            Home::Hub(server) => cx.with(server, |server, cx| server.answer(cx, self, payload, more)),
-        };
-        sent.unwrap_or(false)
+        self.home.answer(cx, self, payload, more)
+    }
+}
+
+/// A text about a channel is its map's `doc`.
+pub(crate) fn doc_or_map(properties: SkVariant) -> SkVariant {
+    match properties.as_str() {
+        Some(text) => SkVariant::map([("doc", text.into())]),
+        None => properties,
     }
 }

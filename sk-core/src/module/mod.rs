@@ -18,6 +18,7 @@ mod runner;
 mod satellite;
 mod state;
 mod supervisor;
+mod thread_home;
 mod threaded;
 
 pub use crate::flow::Flow;
@@ -33,7 +34,7 @@ pub use runner::{AnyRunner, Runner};
 pub use satellite::SatelliteRunError;
 pub use state::{ModuleState, ModuleStatus};
 pub use supervisor::{ModuleOrder, ModuleSupervisor};
-pub use threaded::{ThreadPlace, ThreadedModule};
+pub use thread_home::{ThreadPlace, ThreadedModule};
 
 use crate::object::{Handle, SkObject};
 use crate::{Cx, SkVariant};

@@ -2,7 +2,8 @@
 
 use crate::eventloop::Overload;
 use crate::module::supervisor::Home;
-use crate::module::threaded::{SLOT_MAX, ThreadHome};
+use crate::module::thread_home::ThreadHome;
+use crate::module::threaded::SLOT_MAX;
 use crate::module::{AnyRunner, ModuleState, ModuleStatus, ModuleSupervisor, RestartPolicy, ThreadedModule};
 use crate::object::{Access, Handle, NameError};
 use crate::signal::Signal;

@@ -3,7 +3,7 @@
 use crate::Cx;
 use crate::attach;
 use crate::eventloop::{Reason, Timer};
-use crate::module::threaded::ThreadHome;
+use crate::module::thread_home::ThreadHome;
 use crate::module::{
     AbstractModule, AnyRunner, ModuleError, ModuleState, ModuleStatus, ParameterInfo, RestartPolicy,
 };

@@ -12,47 +12,25 @@
 //! Once a round the loop calls [`ServerCore::work`] for commands that waited for their turn and
 //! [`ServerCore::tick`] for deadlines.
 
-mod accounts;
-mod addresses;
-mod alarms;
-mod audience;
+mod access;
 mod blobs;
-mod books;
 mod channels;
 mod connection;
-mod credit;
 mod databases;
-mod deadlines;
-mod fan_out;
 mod inspect;
-mod inspect_why;
-mod keeping;
-mod login;
 mod notice;
-mod output;
-mod permission;
-mod polling;
-mod publish;
-mod replicas;
-mod requests;
 mod services;
-mod sessions;
-mod subscriptions;
 mod sync;
-mod sync_target;
-mod talk;
-mod telling;
 #[cfg(test)]
 mod tests;
 mod turn;
-mod udp;
 
-pub use accounts::AccountsError;
-pub use connection::{ConnectionId, Ending, Origin};
+pub use access::accounts::AccountsError;
+pub use access::sessions::Session;
+pub use channels::udp::DatagramCounts;
+pub use connection::identity::{ConnectionId, Ending, Origin};
 pub use notice::Notice;
-pub use requests::RequestId;
-pub use sessions::Session;
-pub use udp::DatagramCounts;
+pub use services::requests::RequestId;
 
 use super::channel::{Channel, Owner, Registry};
 use super::database::{DatabaseKind, DatabaseName, Databases, Entity};
@@ -68,14 +46,17 @@ use super::login::{Nonce, OwnerToken};
 use super::wire::Slices;
 use super::{ChannelRef, Event, Message, State};
 use crate::testing::{Bug, is_planted};
-use accounts::Accounts;
-use addresses::Addresses;
-use alarms::Alarms;
-use audience::Subscribers;
+use access::accounts::Accounts;
+use access::sessions::Sessions;
+use blobs::desk::Filing;
+use channels::audience::Subscribers;
+use channels::udp::Udp;
+use connection::addresses::Addresses;
+use connection::alarms::Alarms;
 use connection::{Connection, Connections};
+use databases::storing::Storing;
 use notice::LogLimit;
-use requests::Requests;
-use sessions::Sessions;
+use services::requests::Requests;
 use sk_flat::{Instant, Name};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use sync::Clock;
@@ -129,8 +110,8 @@ pub struct ServerCore {
     connections: Connections,
     channels: Registry<Subscribers>,
     databases: Databases,
-    storing: databases::Storing,
-    filing: blobs::Filing,
+    storing: Storing,
+    filing: Filing,
     /// Connections with commands that wait for their turn.
     work: VecDeque<ConnectionId>,
     dirty: Vec<ConnectionId>,
@@ -144,7 +125,7 @@ pub struct ServerCore {
     /// What is kept for late joiners and those who poll.
     kept: usize,
     sessions: Sessions,
-    udp: udp::Udp,
+    udp: Udp,
     addresses: Addresses,
     alarms: Alarms,
     /// Connections that lost messages and were not told yet.
@@ -179,8 +160,8 @@ impl ServerCore {
             connections: Connections::default(),
             channels: Registry::default(),
             databases: Databases::default(),
-            storing: databases::Storing::default(),
-            filing: blobs::Filing::default(),
+            storing: Storing::default(),
+            filing: Filing::default(),
             work: VecDeque::new(),
             dirty: Vec::new(),
             notices: VecDeque::new(),
@@ -189,7 +170,7 @@ impl ServerCore {
             budget: Budget::default(),
             kept: 0,
             sessions: Sessions::default(),
-            udp: udp::Udp::default(),
+            udp: Udp::default(),
             addresses: Addresses::default(),
             alarms: Alarms::default(),
             lossy: Vec::new(),

@@ -1,8 +1,8 @@
 //! What the owner of a server core learns from it, and the limit of its log.
 
 use super::super::ChannelRef;
-use super::connection::{ConnectionId, Ending};
-use super::requests::RequestId;
+use super::connection::identity::{ConnectionId, Ending};
+use super::services::requests::RequestId;
 use bytes::Bytes;
 use sk_flat::{Instant, Name};
 

@@ -6,8 +6,8 @@ use super::super::limits::TURN_COST_MAX;
 use super::super::scram::Verifier;
 use super::super::{ChannelKind, Command, Event, Flags, Message};
 use super::blobs::UploadPiece;
+use super::channels::subscriptions::Wish;
 use super::services::{AnswerPiece, CallPiece};
-use super::subscriptions::Wish;
 use super::{ConnectionId, ServerCore};
 use crate::testing::{Bug, is_planted};
 use sk_flat::Instant;
@@ -102,7 +102,7 @@ impl ServerCore {
                 self.hello(
                     id,
                     tag,
-                    super::login::Greeting {
+                    super::access::login::Greeting {
                         magic,
                         version,
                         version_oldest,
@@ -134,7 +134,7 @@ impl ServerCore {
             }
             Command::Unsubscribe { channel } => self.unsubscribe(id, tag, channel),
             Command::Publish { channel, message, payload } => {
-                self.publish(id, tag, flags, super::publish::Piece { channel, message, payload })?;
+                self.publish(id, tag, flags, super::channels::publish::Piece { channel, message, payload })?;
             }
             Command::UdpOpen {} => self.udp_open(id, tag),
             Command::Inspect { subject, form } => self.inspect(id, tag, &subject, form),

@@ -2,13 +2,12 @@
 
 use super::SkFlowSat;
 use super::Way;
-use super::clerk::Answer;
+use super::databases::clerk::{Answer, listed};
 use crate::Cx;
 use crate::flow::Command;
 use crate::flow::satellite::{AccountInfo, Credentials};
 use crate::flow::scram::{ClientKeys, Password, ROUNDS_MIN, Verifier};
 use crate::object::Handle;
-use sk_flat::SkVariant;
 use std::collections::BTreeMap;
 use std::io;
 
@@ -67,7 +66,7 @@ impl SkFlowSat {
             Err(why) => {
                 let this = cx.this(self);
                 self.clerk.answer_later(answer, Err(why));
-                cx.post_own(this, move |cx| super::database::tell_told(cx, this));
+                cx.post_own(this, move |cx| super::databases::commands::tell_told(cx, this));
             }
         }
         self.flush_later(cx);
@@ -137,21 +136,4 @@ impl Handle<SkFlowSat> {
         cx.with(self, |satellite, cx| satellite.ask_about_accounts(cx, &Command::UserList {}, answer))
             .map_err(io::Error::other)
     }
-}
-
-/// A list on its way through the clerk, whose answers are variants: name, connections, name, connections.
-pub(super) fn as_variant(accounts: &[AccountInfo]) -> SkVariant {
-    let items = accounts
-        .iter()
-        .flat_map(|account| [SkVariant::from(account.name.as_str()), SkVariant::from(account.connections)]);
-    SkVariant::from(items.collect::<Vec<_>>())
-}
-
-fn listed(variant: Option<SkVariant>) -> Vec<AccountInfo> {
-    let items = variant.as_ref().and_then(SkVariant::as_list).unwrap_or_default();
-    let account = |pair: &[SkVariant]| AccountInfo {
-        name: pair[0].as_str().unwrap_or_default().to_owned(),
-        connections: u32::try_from(&pair[1]).unwrap_or_default(),
-    };
-    items.chunks_exact(2).map(account).collect()
 }

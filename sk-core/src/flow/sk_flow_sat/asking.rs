@@ -1,7 +1,7 @@
 //! Questions to the hub that have one answer: what it knows of itself, and which databases it has.
 
 use super::SkFlowSat;
-use super::database::FlowDatabase;
+use super::databases::FlowDatabase;
 use crate::Cx;
 use crate::flow::satellite::{DatabaseInfo, SatelliteCore, SatelliteError, SatelliteEvent};
 use crate::flow::{Command, Form};

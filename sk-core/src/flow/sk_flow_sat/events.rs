@@ -9,12 +9,12 @@ use crate::object::Handle;
 /// Emits what the hub said, unleased: a slot may publish on the satellite that called it.
 pub(super) fn tell_all(cx: &mut Cx, satellite: Handle<SkFlowSat>) {
     while let Ok(Some(event)) = cx.with(satellite, |satellite, cx| satellite.next_event(cx)) {
-        super::database::tell_told(cx, satellite);
+        super::databases::commands::tell_told(cx, satellite);
         super::asking::tell_answers(cx, satellite);
         super::blobs::tell_told(cx, satellite);
         tell(cx, satellite, event);
     }
-    super::database::tell_told(cx, satellite);
+    super::databases::commands::tell_told(cx, satellite);
     super::asking::tell_answers(cx, satellite);
     super::blobs::tell_told(cx, satellite);
     let _ = cx.with(satellite, |satellite, cx| satellite.carry_on(cx));

@@ -4,17 +4,18 @@ mod accounts;
 mod asking;
 mod blobs;
 mod channels;
-mod clerk;
 mod commands;
-mod database;
+mod databases;
 mod events;
+mod message;
 mod services;
 mod sync;
 mod udp;
 
 pub use blobs::{BlobProgress, FlowBlob, FlowDownload};
-pub use database::{FlowDatabase, Variable};
-pub(crate) use services::doc_or_map;
+pub use databases::{FlowDatabase, Variable};
+pub use message::{Flow, FlowMessage};
+pub use services::{Answer, Call, CallError};
 
 use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteEvent, TickReport};
 use super::server::Session;
@@ -22,13 +23,14 @@ use super::server::Session;
 use super::transport::TlsTrust;
 use super::transport::{Broken, Core, Destination, Link, PipeSeed, TURN_BYTES_MAX, Turn, dial};
 use super::wire::Slices;
-use super::{ChannelRef, Encoded, FlowMessage, HubAddress, Policy};
+use super::{ChannelRef, Encoded, HubAddress, Policy};
 use crate::eventloop::Timer;
 use crate::object::{Handle, ObjectId};
 use crate::signal::Signal;
 use crate::world::{Readiness, Token};
 use crate::{Cx, attach};
 use channels::{Own, own_name};
+use databases::clerk::Clerk;
 use sk_flat::Instant;
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
@@ -95,7 +97,7 @@ pub struct SkFlowSat {
     link_number: u64,
     call_timer: Handle<Timer>,
     /// Its dealings with databases.
-    clerk: clerk::Clerk,
+    clerk: Clerk,
     /// Passwords of accounts from which a worker derives what the hub keeps.
     deriving: accounts::Deriving,
     questions: asking::Questions,
@@ -286,7 +288,7 @@ impl SkFlowSat {
                 udp: udp::Udp::default(),
                 link_number: 0,
                 call_timer,
-                clerk: clerk::Clerk::default(),
+                clerk: Clerk::default(),
                 deriving: accounts::Deriving::default(),
                 questions: asking::Questions::default(),
                 porter: blobs::Porter::default(),
@@ -387,7 +389,7 @@ impl SkFlowSat {
         }
         let this = cx.this(self);
         cx.post_own(this, move |cx| {
-            database::tell_told(cx, this);
+            databases::commands::tell_told(cx, this);
             asking::tell_answers(cx, this);
             blobs::tell_told(cx, this);
             cx.emit_own(this, |satellite| &satellite.lost, &why);

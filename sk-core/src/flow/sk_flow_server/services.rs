@@ -4,7 +4,7 @@ use super::SkFlowServer;
 use crate::Cx;
 use crate::eventloop::Timer;
 use crate::flow::server::{ConnectionId, RequestId};
-use crate::flow::service::{Home, Request, Service};
+use crate::flow::service::{Home, Request, Service, doc_or_map};
 use crate::flow::{ChannelRef, Properties, RefusalCode, Right};
 use crate::object::Handle;
 use bytes::Bytes;
@@ -15,11 +15,18 @@ use std::rc::Rc;
 
 /// What a hub serves itself.
 pub(super) struct Services {
-    serving: BTreeMap<ChannelRef, (Rc<str>, Handle<Service>)>,
+    serving: BTreeMap<ChannelRef, Serving>,
     asked: BTreeMap<RequestId, (Handle<Service>, Request)>,
     timer: Handle<Timer>,
     /// The deadline that the timer waits for.
     armed: Option<Instant>,
+}
+
+#[derive(Clone)]
+struct Serving {
+    name: Rc<str>,
+    object: Handle<Service>,
+    home: Rc<dyn Home>,
 }
 
 impl Services {
@@ -37,15 +44,16 @@ impl SkFlowServer {
     ) -> Result<Handle<Service>, RefusalCode> {
         let channel = self.core.open_service(name.clone(), properties)?;
         let (this, name) = (cx.this(self), Rc::<str>::from(name.as_str()));
-        let object = cx.under(this).spawn(Service::new(Home::Hub(this), name.clone()));
-        self.services.serving.insert(channel, (name, object));
+        let home: Rc<dyn Home> = Rc::new(this);
+        let object = cx.under(this).spawn(Service::new(home.clone(), name.clone()));
+        self.services.serving.insert(channel, Serving { name, object, home });
         self.after(cx);
         Ok(object)
     }
 
     /// A service was buried.
-    pub(crate) fn withdraw(&mut self, cx: &mut Cx, object: Handle<Service>) {
-        let found = self.services.serving.iter().find(|(_, (_, known))| *known == object);
+    fn withdraw(&mut self, cx: &mut Cx, object: Handle<Service>) {
+        let found = self.services.serving.iter().find(|(_, serving)| serving.object == object);
         if let Some(channel) = found.map(|(channel, _)| *channel) {
             self.services.serving.remove(&channel);
             self.core.close_channel(channel);
@@ -53,7 +61,7 @@ impl SkFlowServer {
         }
     }
 
-    pub(crate) fn answer(&mut self, cx: &mut Cx, request: &Request, payload: Bytes, more: bool) -> bool {
+    fn answer(&mut self, cx: &mut Cx, request: &Request, payload: Bytes, more: bool) -> bool {
         let id = RequestId::from_wire(request.id);
         let said = self.core.answer_own(id, payload, more).unwrap_or_else(|error| {
             tracing::warn!("an answer of service {} was not sent: {error}", request.service);
@@ -66,7 +74,7 @@ impl SkFlowServer {
         said
     }
 
-    pub(crate) fn decline(&mut self, cx: &mut Cx, request: &Request, text: &str) -> bool {
+    fn decline(&mut self, cx: &mut Cx, request: &Request, text: &str) -> bool {
         let id = RequestId::from_wire(request.id);
         let said = self.core.decline_own(id, text);
         self.services.asked.remove(&id);
@@ -74,7 +82,7 @@ impl SkFlowServer {
         said
     }
 
-    pub(crate) fn is_asked(&self, request: &Request) -> bool {
+    fn is_asked(&self, request: &Request) -> bool {
         self.core.is_asked(RequestId::from_wire(request.id))
     }
 
@@ -104,8 +112,8 @@ impl SkFlowServer {
         asker: ConnectionId,
         payload: Bytes,
     ) {
-        let Some((service, object)) = self.services.serving.get(&channel).cloned() else { return };
-        let home = Home::Hub(cx.this(self));
+        let Some(serving) = self.services.serving.get(&channel).cloned() else { return };
+        let Serving { name: service, object, home } = serving;
         let request = Request { home, link: 0, id: id.wire(), service, asker: asker.wire(), payload };
         self.services.asked.insert(id, (object, request.clone()));
         cx.post_own(object, move |cx| cx.emit_own(object, |service| &service.request, &request));
@@ -115,6 +123,25 @@ impl SkFlowServer {
         if let Some((object, request)) = self.services.asked.remove(&id) {
             cx.post_own(object, move |cx| cx.emit_own(object, |service| &service.request_over, &request));
         }
+    }
+}
+
+/// Where the hub has gone before its service, nobody waits and there is nothing to withdraw.
+impl Home for Handle<SkFlowServer> {
+    fn withdraw(&self, cx: &mut Cx, service: Handle<Service>, _name: &str) {
+        let _ = cx.with(*self, |server, cx| server.withdraw(cx, service));
+    }
+
+    fn answer(&self, cx: &mut Cx, request: &Request, payload: Bytes, more: bool) -> bool {
+        cx.with(*self, |server, cx| server.answer(cx, request, payload, more)) == Ok(true)
+    }
+
+    fn decline(&self, cx: &mut Cx, request: &Request, text: &str) -> bool {
+        cx.with(*self, |server, cx| server.decline(cx, request, text)) == Ok(true)
+    }
+
+    fn is_asked(&self, cx: &mut Cx, request: &Request) -> bool {
+        cx.with(*self, |server, _| server.is_asked(request)) == Ok(true)
     }
 }
 
@@ -130,7 +157,7 @@ impl Handle<SkFlowServer> {
         properties: impl IntoVariant,
     ) -> io::Result<Handle<Service>> {
         let name = Name::new(full_name).map_err(io::Error::other)?;
-        let properties = crate::flow::sk_flow_sat::doc_or_map(properties.into_variant());
+        let properties = doc_or_map(properties.into_variant());
         let properties = Properties::new(&properties).map_err(io::Error::other)?;
         cx.with(self, |server, cx| server.serve_own(cx, name, properties))
             .map_err(io::Error::other)?

@@ -1,11 +1,15 @@
 //! Durable files.
 
+mod disk_chances;
 mod disk_faults;
 mod folder;
 mod real;
+mod real_file;
 mod real_folder;
 mod sim_disk;
+mod sim_file;
 mod sim_folder;
+mod sim_storage;
 mod simulated;
 
 pub use disk_faults::DiskFaults;

@@ -1,15 +1,16 @@
 //! The machine's file system.
 
+use super::real_file::RealFile;
 use super::real_folder::RealFolder;
 use super::{Storage, StoredFile, StoredFolder};
 use std::ffi::OsString;
 use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io::{self, Read, Write};
-use std::os::unix::fs::{DirBuilderExt, FileExt, MetadataExt, OpenOptionsExt};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::process;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Owner only: files and folders of a robot hold credentials.
 const FILE_MODE: u32 = 0o600;
@@ -147,47 +148,4 @@ fn sync_folder_of(path: &Path) -> io::Result<()> {
         .filter(|parent| !parent.as_os_str().is_empty())
         .unwrap_or(Path::new("."));
     File::open(folder)?.sync_all()
-}
-
-/// A file that is open for reading and writing.
-pub(super) struct RealFile {
-    file: File,
-    /// After a failed synchronisation the kernel forgets what it could not write and reports the next one
-    /// as good; the bytes are lost all the same, so every later one has to fail too.
-    sync_failed: AtomicBool,
-}
-
-impl RealFile {
-    pub(super) fn new(file: File) -> RealFile {
-        RealFile { file, sync_failed: AtomicBool::new(false) }
-    }
-}
-
-impl StoredFile for RealFile {
-    fn len(&self) -> io::Result<u64> {
-        Ok(self.file.metadata()?.len())
-    }
-
-    fn read_at(&self, offset: u64, into: &mut [u8]) -> io::Result<()> {
-        self.file.read_exact_at(into, offset)
-    }
-
-    fn write_at(&self, offset: u64, bytes: &[u8]) -> io::Result<()> {
-        self.file.write_all_at(bytes, offset)
-    }
-
-    fn set_len(&self, len: u64) -> io::Result<()> {
-        self.file.set_len(len)
-    }
-
-    fn sync(&self) -> io::Result<()> {
-        if self.sync_failed.load(Ordering::Acquire) {
-            return Err(io::Error::other("an earlier synchronisation of this file failed"));
-        }
-        let synced = self.file.sync_data();
-        if synced.is_err() {
-            self.sync_failed.store(true, Ordering::Release);
-        }
-        synced
-    }
 }

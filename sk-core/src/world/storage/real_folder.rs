@@ -1,6 +1,6 @@
 //! A folder of the machine's file system.
 
-use super::real::RealFile;
+use super::real_file::RealFile;
 use super::{Found, StoredFile, StoredFolder};
 use crate::sys::beneath::{self, Kind};
 use std::io;

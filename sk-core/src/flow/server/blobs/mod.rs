@@ -2,9 +2,7 @@
 //! disk's business.
 
 mod answers;
-mod desk;
-
-pub(super) use desk::{BlobDesk, Filing, Listing};
+pub(super) mod desk;
 
 use super::super::blob::{BlobPath, BlobRequest, BlobWork};
 use super::super::channel::Owner;
@@ -12,12 +10,12 @@ use super::super::error::{ProtocolError, RefusalCode};
 use super::super::fragment::Gathered;
 use super::super::limits::BLOB_READS_PER_CONNECTION_MAX;
 use super::super::{ChannelKind, ChannelRef, Command, Flags, Form, Properties, Right};
-use super::connection::Incoming;
-use super::telling::Telling;
+use super::connection::incoming::Incoming;
+use super::connection::telling::Telling;
 use super::{ConnectionId, ServerCore};
 use crate::testing::{Bug, is_planted};
 use bytes::Bytes;
-use desk::{Purpose, Reading, Waiting};
+use desk::{Listing, Purpose, Reading, Waiting};
 use sk_flat::Name;
 use std::collections::VecDeque;
 

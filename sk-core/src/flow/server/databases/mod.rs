@@ -2,23 +2,20 @@
 
 mod access;
 mod defaults;
-mod desk;
-mod storing;
-mod watches;
-
-pub(super) use desk::Desk;
-pub(super) use storing::{Purpose, Storing};
-pub(super) use watches::sendable;
+pub(super) mod desk;
+pub(super) mod storing;
+pub(super) mod watches;
 
 use super::super::database::{DatabaseKind, DatabaseName, Entity, Reach, StoreWork, Watcher, check_key};
 use super::super::definition::Tagged;
 use super::super::error::RefusalCode;
 use super::super::rights::RIGHT_PREFIX;
 use super::super::{Command, Event, Flags, Form, State, Value};
-use super::telling::Telling;
+use super::connection::telling::Telling;
 use super::{ConnectionId, ServerCore};
 use access::Access;
 use sk_flat::Name;
+use storing::Purpose;
 
 /// Keys that begin so are made up when they are read, in the databases of flows, channels and accounts.
 const COMPUTED_PREFIX: &str = "hub.";

@@ -1,9 +1,6 @@
 //! What is done on a worker for uploads and downloads: this machine's disk must not hold up the loop.
 
-use super::super::SkFlowSat;
-use super::uploads::Source;
-use crate::Cx;
-use crate::world::{Job, Storage};
+use crate::world::Storage;
 use bytes::Bytes;
 use crc32fast::Hasher;
 use std::ffi::OsString;
@@ -12,6 +9,13 @@ use std::path::{Path, PathBuf};
 
 /// How much is read at once.
 const READ_BYTES: u64 = 256 * 1024;
+
+/// Where the bytes of an upload come from.
+#[derive(Clone)]
+pub(super) enum Source {
+    Bytes(Bytes),
+    File(PathBuf),
+}
 
 /// Something to be done.
 pub(super) enum Errand {
@@ -48,7 +52,7 @@ pub(super) enum Fetched {
 }
 
 impl Errand {
-    fn run(self, storage: &dyn Storage) -> Option<Fetched> {
+    pub(super) fn run(self, storage: &dyn Storage) -> Option<Fetched> {
         match self {
             Errand::Survey { id, source } => {
                 let outcome = survey(storage, &source).map_err(|error| error.to_string());
@@ -124,47 +128,4 @@ fn finish(storage: &dyn Storage, file: &Path) -> io::Result<()> {
     let part = unfinished(file);
     storage.open(&part, true)?.sync()?;
     storage.rename(&part, file)
-}
-
-impl SkFlowSat {
-    /// Sends what can be sent of blobs, and hands to the worker what is to be done there.
-    pub(in super::super) fn carry_on(&mut self, cx: &mut Cx) {
-        if let Some(core) = &mut self.core {
-            self.porter.go_on(core);
-        }
-        self.porter.give_up_downloads(|download| cx.is_alive(download));
-        let this = cx.this(self);
-        while let Some(errand) = self.porter.errands.pop_front() {
-            if let Errand::Send { id, offset, piece } = errand {
-                if let Some(core) = &mut self.core {
-                    self.porter.send_piece(core, id, offset, piece);
-                    self.porter.go_on(core);
-                }
-                continue;
-            }
-            let (storage, remote) = (cx.world().storage.clone(), cx.remote(this));
-            let job: Job = Box::new(move || {
-                if let Some(fetched) = errand.run(&*storage) {
-                    // A satellite that is gone waits for nothing.
-                    let _ = remote.post(move |satellite, cx| satellite.on_fetched(cx, fetched));
-                }
-            });
-            self.porter.stalled.push_back(job);
-        }
-        while let Some(job) = self.porter.stalled.pop_front() {
-            // Without room now it is tried again at the next check.
-            if let Err(job) = cx.world().worker.run(job) {
-                self.porter.stalled.push_front(job);
-                break;
-            }
-        }
-        self.flush_later(cx);
-    }
-
-    fn on_fetched(&mut self, cx: &mut Cx, fetched: Fetched) {
-        self.porter.fetched(fetched);
-        self.carry_on(cx);
-        let this = cx.this(self);
-        cx.post_own(this, move |cx| super::tell_told(cx, this));
-    }
 }

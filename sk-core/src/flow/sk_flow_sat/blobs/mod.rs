@@ -1,11 +1,11 @@
 //! Blob channels of a satellite: files on their way to the hub and from it.
 
-mod downloads;
+mod carrying;
+mod commands;
 mod errands;
 mod objects;
 mod porter;
-mod uploads;
 
-pub(super) use objects::tell_told;
+pub(super) use carrying::tell_told;
 pub use objects::{BlobProgress, FlowBlob, FlowDownload};
 pub(super) use porter::Porter;

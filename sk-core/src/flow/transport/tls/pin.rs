@@ -1,10 +1,10 @@
 //! Trust in one certificate.
 
-use super::settings::fingerprint_of;
 use rustls::client::danger::{HandshakeSignatureValid, ServerCertVerified, ServerCertVerifier};
 use rustls::crypto::{WebPkiSupportedAlgorithms, verify_tls12_signature, verify_tls13_signature};
 use rustls::pki_types::{CertificateDer, ServerName, UnixTime};
 use rustls::{CertificateError, DigitallySignedStruct, Error, SignatureScheme};
+use sha2::{Digest, Sha256};
 
 /// Accepts the certificate of one fingerprint. Its names and dates do not matter, and that the server has its key
 /// is still shown by the handshake.
@@ -58,4 +58,9 @@ impl ServerCertVerifier for Pinned {
     fn supported_verify_schemes(&self) -> Vec<SignatureScheme> {
         self.algorithms.supported_schemes()
     }
+}
+
+/// What a certificate is told by.
+pub(super) fn fingerprint_of(certificate: &CertificateDer<'_>) -> [u8; 32] {
+    Sha256::digest(certificate.as_ref()).into()
 }

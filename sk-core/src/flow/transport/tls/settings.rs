@@ -1,13 +1,12 @@
 //! What a server shows and what a client trusts.
 
-use super::pin::Pinned;
+use super::pin::{Pinned, fingerprint_of};
 use rustls::client::Resumption;
 use rustls::crypto::{CryptoProvider, ring};
 use rustls::pki_types::pem::{self, PemObject};
 use rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use rustls::server::NoServerSessionStorage;
 use rustls::{ClientConfig, RootCertStore, ServerConfig};
-use sha2::{Digest, Sha256};
 use std::fmt;
 use std::sync::Arc;
 use thiserror::Error;
@@ -146,10 +145,6 @@ impl fmt::Debug for TlsTrust {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("TlsTrust")
     }
-}
-
-pub(super) fn fingerprint_of(certificate: &CertificateDer<'_>) -> [u8; 32] {
-    Sha256::digest(certificate.as_ref()).into()
 }
 
 fn parse_fingerprint(text: &str) -> Result<[u8; 32], TlsError> {
