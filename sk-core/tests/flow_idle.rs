@@ -39,11 +39,13 @@ fn logged_in(hub: &mut ServerCore) -> ConnectionId {
 /// What a satellite says of its pulse once a second.
 fn statistics() -> SkVariant {
     let figures = || {
-        let large = || SkVariant::from(1_000_000_u64);
-        SkVariant::map([("p50_ns", large()), ("p99_ns", large()), ("max_ns", large())])
+        let span = || SkVariant::from(0.000_125);
+        SkVariant::map([("p50", span()), ("p99", span()), ("max", span())])
     };
     let counts = ["ticks", "missed", "overruns", "sync_lost"].map(|name| (name, 1_000_000_u64.into()));
-    SkVariant::map(counts.into_iter().chain([("wake_error", figures()), ("job_time", figures())]))
+    let spans = [("interval", 0.01.into()), ("mean_interval", 0.01.into())];
+    let maps = [("wake_error", figures()), ("job_time", figures())];
+    SkVariant::map(counts.into_iter().chain(spans).chain(maps))
 }
 
 #[test]

@@ -101,6 +101,8 @@ fn info_tells_of_the_hub_of_a_channel_and_of_a_flow() {
 
     let told = success(&hub.sk(&["info", &hearer]));
     assert!(told.contains("owns        no channel\nhears       robot.beat\n"), "{told}");
+    // What a satellite tells of its loop.
+    assert!(told.contains("\npulse       every ") && told.contains(", in the mode "), "{told}");
     assert_eq!(objects(&hub.sk(&["info", &publisher, "--json"]))[0]["owns"][0], "robot.beat");
     let said = failure(&hub.sk(&["info", "baet"]), 1);
     assert_eq!(said, "sk: no channel or flow baet: did you mean robot.beat?\n");

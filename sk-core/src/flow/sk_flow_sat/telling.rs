@@ -31,10 +31,12 @@ fn of_pulse(cx: &Cx) -> [(&'static str, SkVariant); 3] {
     ]
 }
 
-/// Satellites in other languages tell the same.
+/// With the names and units of the hub's own channel `host.pulse`; satellites in other languages tell the same.
 fn statistics(cx: &Cx) -> SkVariant {
     let measures = &cx.measures;
     SkVariant::map([
+        ("interval", cx.settings().interval.as_secs_f64().into()),
+        ("mean_interval", measures.mean_interval().as_secs_f64().into()),
         ("ticks", measures.ticks.into()),
         ("missed", measures.missed.into()),
         ("overruns", measures.overruns.into()),
@@ -44,11 +46,11 @@ fn statistics(cx: &Cx) -> SkVariant {
     ])
 }
 
+/// A loop that promises no moment has no wake errors: then there are no figures.
 fn figures(spans: &Histogram) -> SkVariant {
-    let quantile_ns = |share| u64::try_from(spans.quantile(share).as_nanos()).unwrap_or(u64::MAX).into();
-    SkVariant::map([
-        ("p50_ns", quantile_ns(0.5)),
-        ("p99_ns", quantile_ns(0.99)),
-        ("max_ns", quantile_ns(1.0)),
-    ])
+    if spans.count() == 0 {
+        return SkVariant::Null;
+    }
+    let quantile = |share| spans.quantile(share).as_secs_f64().into();
+    SkVariant::map([("p50", quantile(0.5)), ("p99", quantile(0.99)), ("max", quantile(1.0))])
 }
