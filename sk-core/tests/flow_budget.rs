@@ -100,7 +100,7 @@ fn t5_t7_requests_and_answers_that_wait_count_among_all_and_are_refused_beyond()
     let mut hub = narrow_hub();
     let (mut owner, mut askers, eye) = service(&mut hub);
     // The owner does not read. Three requests fit, of one asker or of several.
-    let mut ask = |asker: &mut Line, hub: &mut ServerCore| {
+    let ask = |asker: &mut Line, hub: &mut ServerCore| {
         asker.core.call(eye, MINUTE, long()).expect("a flow");
         asker.exchange(hub);
         refusals(asker)

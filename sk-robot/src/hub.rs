@@ -257,6 +257,8 @@ impl HubBuilder {
         // Programs of the user whose files these are may come in without a token.
         let owner_uid = cx.world().storage.owner_and_mode(places.state()).ok().map(|(owner, _)| owner);
         let server = SkFlowServer::start(cx, Settings { user: account, token: Some(token), owner_uid });
+        // It was made just now.
+        let _ = server.require_channel_binding(cx, config.listen.require_channel_binding);
         let (addresses, fingerprint) = match listening::listen(cx, server, &config, &places) {
             Ok(listening) => listening,
             Err(error) => {

@@ -239,3 +239,25 @@ fn a_hub_is_reached_over_a_serial_line() {
     success(&hub.sk(&["--hub", &address, "db", "set", "line", "x", "1"]));
     assert_eq!(success(&hub.sk(&["db", "get", "line", "x"])), "1\n");
 }
+
+#[test]
+fn t17_a_hub_may_require_that_logins_over_tls_are_bound_and_the_tool_binds_its_own() {
+    let folder = new_folder();
+    std::fs::create_dir_all(&folder).unwrap();
+    let made = rcgen::generate_simple_self_signed(["127.0.0.1".to_owned()]).unwrap();
+    let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let (certificate, key, config) = (path("hub.pem"), path("hub.key"), path("config.json"));
+    std::fs::write(&certificate, made.cert.pem()).unwrap();
+    std::fs::write(&key, made.signing_key.serialize_pem()).unwrap();
+    std::fs::write(&config, "{\"listen\": {\"require_channel_binding\": true}}").unwrap();
+    let options = ["--config", &config, "--tcp", "off", "--without", "host", "--tls", &certificate, &key];
+    let hub = Hub::start_in(folder, &[&options[..], &["--listen", "tls:127.0.0.1:0"]].concat());
+    let line = hub.greeting.iter().find_map(|line| line.split_once("tls:127.0.0.1:")).unwrap();
+    let at = format!("tls:127.0.0.1:{}", line.1.split_whitespace().next().unwrap());
+    assert_eq!(success(&hub.sk(&["--hub", &at, "--tls-ca", &certificate, "ls"])), "no channels\n");
+    let said = success(&hub.sk_with_input(&["user", "add", "ada"], "pencil\n"));
+    assert!(said.contains("no rights yet"), "{said}");
+    let listed =
+        hub.sk_with_input(&["--hub", &at, "--tls-ca", &certificate, "--user", "ada", "ls"], "pencil\n");
+    assert_eq!(text(&listed.stdout), "no channels\n", "{}", text(&listed.stderr));
+}

@@ -94,3 +94,19 @@ fn a_handshake_that_stands_still_is_ended_within_the_time_for_the_login() {
     network.until("it is closed", |_| socket.is_over());
     network.until_connections(0);
 }
+
+/// A login that both ends bind to what they derive from their handshake, and that the hub takes in no other way.
+fn a_bound_login_succeeds(kind: Kind) {
+    let mut network = Network::new(kind);
+    let server = network.server;
+    server.require_channel_binding(network.app.cx(), true).expect("it lives");
+    let station = network.satellite();
+    network.until_ready(station);
+}
+
+#[test]
+fn t17_logins_over_tls_are_bound_to_their_connection() {
+    a_bound_login_succeeds(Kind::Tls);
+    #[cfg(feature = "websocket")]
+    a_bound_login_succeeds(Kind::SecureWebSocket);
+}

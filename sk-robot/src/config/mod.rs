@@ -45,6 +45,8 @@ parameters! {
         tls_certificate: Option<String> = None;
         /// The PEM file of the certificate's key.
         tls_key: Option<String> = None;
+        /// Whether a login at tls: and wss: addresses must be bound to its connection. Satellites in Python cannot bind theirs.
+        require_channel_binding: bool = false;
     }
 }
 

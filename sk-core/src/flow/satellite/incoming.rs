@@ -182,9 +182,9 @@ impl SatelliteCore {
 
     fn log_in(&mut self) {
         let command = match &self.credentials {
-            Credentials::Token(token) => {
-                Command::LoginToken { proof: token.client_proof(&self.nonce, &self.hub_nonce) }
-            }
+            Credentials::Token(token) => Command::LoginToken {
+                proof: self.token_here(token).client_proof(&self.nonce, &self.hub_nonce),
+            },
             Credentials::Password(login) => {
                 let user = login.user().clone();
                 self.begin_scram(&user)
@@ -196,7 +196,9 @@ impl SatelliteCore {
 
     fn logged_in(&mut self, connection: u64, user: String, proof: &[u8; 32]) -> Result<(), ProtocolError> {
         let true_hub = match &self.credentials {
-            Credentials::Token(token) => token.hub_is_true(&self.nonce, &self.hub_nonce, proof),
+            Credentials::Token(token) => {
+                self.token_here(token).hub_is_true(&self.nonce, &self.hub_nonce, proof)
+            }
             Credentials::Password(_) => self.scram.take().is_some_and(|exchange| exchange.hub_is_true(proof)),
             Credentials::Peer => true,
         };

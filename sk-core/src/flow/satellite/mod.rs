@@ -31,7 +31,7 @@ use super::limits::{FRAGMENT_BYTES_MAX, MAGIC, MESSAGE_BYTES_MAX};
 use super::limits::{
     LOGIN_TIME_MAX, PING_AFTER, SILENCE_MAX, SUBSCRIPTION_DEPTH_MAX, VERSION, VERSION_OLDEST,
 };
-use super::login::{Nonce, OwnerToken};
+use super::login::{Binding, Nonce, OwnerToken};
 use super::scram::{ClientExchange, Derivation};
 use super::server::Session;
 use super::wire::Slices;
@@ -83,6 +83,8 @@ pub struct SatelliteCore {
     wants_flow: bool,
     nonce: Nonce,
     hub_nonce: Nonce,
+    /// Of an encrypted connection.
+    binding: Option<Binding>,
     user: Option<Name>,
     connection: u64,
     /// What to call the flow, or empty.
@@ -160,6 +162,18 @@ impl SatelliteCore {
         SatelliteCore::begin(credentials, nonce, false, now)
     }
 
+    /// Binds the login to this very connection, which is an encrypted one; before the hub's first frame.
+    pub fn bind(&mut self, binding: Binding) {
+        self.binding = Some(binding);
+    }
+
+    /// The owner's token as this connection uses it.
+    fn token_here(&self, token: &OwnerToken) -> OwnerToken {
+        self.binding
+            .as_ref()
+            .map_or_else(|| token.clone(), |binding| token.bound_to(binding))
+    }
+
     fn begin(credentials: Credentials, nonce: Nonce, wants_flow: bool, now: Instant) -> SatelliteCore {
         let mut core = SatelliteCore {
             inbound: Inbound::new(),
@@ -168,6 +182,7 @@ impl SatelliteCore {
             wants_flow,
             nonce,
             hub_nonce: [0; 32],
+            binding: None,
             user: None,
             connection: 0,
             flow_name: String::new(),
@@ -255,6 +270,11 @@ impl SatelliteCore {
     pub fn is_ready(&self) -> bool {
         !self.closing
             && self.inbound.state() == if self.wants_flow { State::Flow } else { State::Synchronous }
+    }
+
+    /// Whether the hub has answered this core's first frame.
+    pub fn has_greeted(&self) -> bool {
+        self.inbound.state() != State::Greeting
     }
 
     /// The account, after the login.

@@ -43,7 +43,7 @@ use super::limits::{
     CHECK_INTERVAL, CONNECTIONS_MAX, FRAGMENT_BYTES_MAX, LINGER_TIME_MAX, LOG_LINES_PER_SECOND_MAX,
     LOGIN_TIME_MAX, UNAUTHENTICATED_MAX, UNFINISHED_BYTES_MAX_IN_ALL,
 };
-use super::login::{Nonce, OwnerToken};
+use super::login::{Binding, Nonce, OwnerToken};
 use super::wire::Slices;
 use super::{ChannelRef, Event, Message, State};
 use access::accounts::Accounts;
@@ -147,6 +147,8 @@ pub struct ServerCore {
     /// The sync channels and their targets.
     clocks: BTreeMap<ChannelRef, Clock>,
     spurious: u64,
+    /// Logins over TLS must be bound to their connection.
+    must_bind: bool,
     log: LogLimit,
     started: Instant,
     now: Instant,
@@ -189,6 +191,7 @@ impl ServerCore {
             unmatched_answers: 0,
             clocks: BTreeMap::new(),
             spurious: 0,
+            must_bind: false,
             log: LogLimit::new(LOG_LINES_PER_SECOND_MAX),
             started: now,
             now,
@@ -234,6 +237,28 @@ impl ServerCore {
         self.look_at(id, now + LOGIN_TIME_MAX);
         self.settle();
         Ok(id)
+    }
+
+    /// Notes what a login of this connection, which is an encrypted one, can be bound to; before the login.
+    pub fn bind(&mut self, id: ConnectionId, binding: Binding) {
+        if let Some(connection) = self.connections.get_mut(id)
+            && connection.user.is_none()
+        {
+            connection.binding = Some(binding);
+        }
+    }
+
+    /// Whether a connection has neither logged in nor been bound.
+    pub fn is_unbound(&self, id: ConnectionId) -> bool {
+        self.connections
+            .get(id)
+            .is_some_and(|connection| connection.user.is_none() && connection.binding.is_none())
+    }
+
+    /// Lets nobody log in over an encrypted connection whose login is not bound to it, from here on. Satellites in
+    /// Python cannot bind theirs.
+    pub fn require_channel_binding(&mut self, required: bool) {
+        self.must_bind = required;
     }
 
     /// Whether one more connection may come from there now; to be asked before [`open`](ServerCore::open). A

@@ -446,6 +446,11 @@ impl SkFlowSat {
             self.break_link(cx, error.to_string());
             return Turn::Done;
         }
+        if !core.has_greeted()
+            && let Some(binding) = link.channel_binding()
+        {
+            core.bind(binding);
+        }
         let fault = &mut self.fault;
         let mut side = Side { core, now, waiting: &mut self.waiting, fault };
         let wrote = if link.may_write(readiness) { link.write(cx, &mut side) } else { Turn::Done };

@@ -289,6 +289,11 @@ impl SkFlowServer {
         let Some(served) = self.links.get_mut(&token) else { return false };
         let id = served.connection;
         let Some(mut link) = served.link.take() else { return false };
+        if self.core.is_unbound(id)
+            && let Some(binding) = link.channel_binding()
+        {
+            self.core.bind(id, binding);
+        }
         let mut side = Side { core: &mut self.core, id, now, waiting: &mut served.waiting };
         let wrote = if link.may_write(readiness) { link.write(cx, &mut side) } else { Turn::Done };
         // Read in any case: a peer that takes nothing any more may have left its last words.
@@ -523,6 +528,14 @@ impl Handle<SkFlowServer> {
         });
         opened.map_err(io::Error::other)?.map_err(io::Error::other)?;
         Ok(far)
+    }
+
+    /// As [`ServerCore::require_channel_binding`].
+    ///
+    /// # Errors
+    /// If the server is gone, or one of its slots is running.
+    pub fn require_channel_binding(self, cx: &mut Cx, required: bool) -> Result<(), Access> {
+        cx.with(self, |server, _| server.core.require_channel_binding(required))
     }
 
     /// As [`ServerCore::narrow_channel_ids`].

@@ -2,6 +2,7 @@
 
 use super::link::{Core, Link, TURN_BYTES_MAX, Turn};
 use crate::Cx;
+use crate::flow::login::Binding;
 use crate::flow::wire::WRITE_PARTS_MAX;
 use crate::world::{Readiness, Stream};
 use std::io::{self, ErrorKind};
@@ -103,6 +104,10 @@ impl Link for StreamLink {
             }
         }
         Turn::More
+    }
+
+    fn channel_binding(&self) -> Option<Binding> {
+        self.stream.channel_binding()
     }
 
     fn fault(&mut self) -> Option<io::Error> {

@@ -342,4 +342,8 @@ impl Stream for WebSocketStream {
     fn peer_uid(&self) -> Option<u32> {
         None
     }
+
+    fn channel_binding(&self) -> Option<[u8; 32]> {
+        self.stream()?.channel_binding()
+    }
 }

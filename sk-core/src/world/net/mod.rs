@@ -166,6 +166,12 @@ pub trait Stream {
 
     /// The user id of the process at the other end of a Unix socket (SO_PEERCRED); `None` for TCP.
     fn peer_uid(&self) -> Option<u32>;
+
+    /// What both ends of a layer with keys of its own know and nobody between them, once they have agreed: with it
+    /// a login is bound to this very connection. `None` where there is no such layer.
+    fn channel_binding(&self) -> Option<[u8; 32]> {
+        None
+    }
 }
 
 /// A datagram socket that never blocks.

@@ -104,11 +104,15 @@ impl ServerCore {
         let Some(connection) = self.connections.get_mut(id) else { return };
         let Some(exchange) = connection.scram.take() else { return self.login_failed(id) };
         let user = Name::new(exchange.user()).ok();
-        let proof = exchange.finish(message);
+        let binding = connection.binding;
+        let must_bind = binding.is_some() && self.must_bind;
+        let is_bound = exchange.is_bound();
+        let proof = exchange.finish_on(message, binding.as_ref());
+        let proof = proof.ok().filter(|_| is_bound || !must_bind);
         // The account may have been removed since the challenge.
         let user = user.filter(|user| self.accounts.accounts.contains_key(user));
         match (proof, user) {
-            (Ok(proof), Some(user)) => {
+            (Some(proof), Some(user)) => {
                 let permission = self.permission_at_login(id, &user);
                 self.logged_in(id, tag, user, permission, proof);
             }

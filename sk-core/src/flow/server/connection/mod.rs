@@ -15,7 +15,7 @@ use super::super::delivery::Budget;
 use super::super::error::{ClosingReason, ProtocolError};
 use super::super::fragment::Gathering;
 use super::super::inbound::Inbound;
-use super::super::login::Nonce;
+use super::super::login::{Binding, Nonce};
 use super::super::scram::ServerExchange;
 use super::super::{ChannelRef, Command, Form, State};
 use super::access::permission::Permission;
@@ -40,6 +40,8 @@ pub(super) struct Connection {
     pub(super) output: Output,
     pub(super) client_nonce: Nonce,
     pub(super) hub_nonce: Nonce,
+    /// Of an encrypted connection.
+    pub(super) binding: Option<Binding>,
     pub(super) user: Option<Name>,
     /// A login by password that is under way.
     pub(super) scram: Option<Box<ServerExchange>>,
@@ -100,6 +102,7 @@ impl Connection {
             output: Output::default(),
             client_nonce: [0; 32],
             hub_nonce,
+            binding: None,
             user: None,
             scram: None,
             rights: Permission::NONE,

@@ -92,7 +92,7 @@ fn s89_the_right_password_logs_in_and_everything_else_is_closed_alike() {
 fn a_connection_has_one_attempt_and_its_messages_come_in_order() {
     let first = || Command::LoginScram { message: ClientExchange::new("ada", &[2; 32]).first() };
     let last = || Command::LoginScramProof { message: "c=biws,r=x,p=AAAA".into() };
-    let bad = || Command::LoginScram { message: "p=tls-exporter,,n=ada,r=x".into() };
+    let bad = || Command::LoginScram { message: "p=tls-unique,,n=ada,r=x".into() };
     let token = || Command::LoginToken { proof: OwnerToken::new([7; 32]).client_proof(&[2; 32], &[1; 32]) };
     let cases = [
         vec![last()],
