@@ -214,3 +214,21 @@ fn completions_are_written_for_each_shell_without_a_hub() {
         assert!(written.contains(word) && written.contains("graph"), "{shell}");
     }
 }
+
+#[test]
+fn the_flow_of_a_module_is_called_after_it_on_the_hubs_loop_and_on_a_thread() {
+    let folder = new_folder();
+    std::fs::create_dir_all(&folder).unwrap();
+    let config = folder.join("config.json");
+    for thread in ["null", "{}"] {
+        let module = format!("{{\"thread\": {thread}}}");
+        std::fs::write(&config, format!("{{\"modules\": {{\"host\": {module}}}}}")).unwrap();
+        let options = ["--tcp", "off", "--config", config.to_str().unwrap()];
+        let hub = Hub::start_in(new_folder(), &options);
+        Running::start(&hub, &["echo", "host.uptime", "--wait"]).line();
+        let listed = objects(&hub.sk(&["ls", "host.uptime", "--json"]));
+        assert_eq!(listed[0]["owner"], "robot.modules.host", "thread: {thread}");
+        assert!(success(&hub.sk(&["info", "modules.host"])).contains("robot.host.uptime"));
+    }
+    std::fs::remove_dir_all(&folder).unwrap();
+}

@@ -29,6 +29,8 @@ class Resumption(HubTest):
         self.until(lambda: roamer.ready and stream.listened, *both)
         self.assertTrue(roamer.flow.resumed)
         self.assertEqual((roamer.flow_name, went), (u"robot.roamer", []))
+        seen = listener.flow.channels.by_name[u"robot.position"]
+        self.until(lambda: seen.owner == roamer.flow.connection.number, *both)
         stream.publish(2)
         orders.publish(u"go home")
         self.until(lambda: heard and got, *both)

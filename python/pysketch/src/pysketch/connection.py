@@ -236,7 +236,7 @@ class Connection(object):
 
 
 # Between `set_async` and `flow_begun` the client is synchronous and hears of channels.
-_EARLY = ("channel_added", "channel_removed", "header_changed")
+_EARLY = ("channel_added", "channel_removed", "header_changed", "owner_changed")
 _OWN = {
     "welcome": Connection._on_welcome,
     "scram_challenge": Connection._on_challenge,

@@ -57,7 +57,8 @@ class Flow(object):
         self._events = {
             "logged_in": self._on_logged_in, "flow_begun": self._on_flow_begun,
             "channel_added": self._on_channel_added, "channel_removed": self._on_channel_removed,
-            "header_changed": self._on_header_changed, "refused": self._on_refused,
+            "header_changed": self._on_header_changed, "owner_changed": self._on_owner_changed,
+            "refused": self._on_refused,
             "start_publishing": self._on_start, "stop_publishing": self._on_stop,
         }
 
@@ -281,6 +282,11 @@ class Flow(object):
         if channel is not None:
             channel.say(fields[1])
             self.listener.on_header(channel)
+
+    def _on_owner_changed(self, _tag, _flags, fields):
+        channel = self.channels.of(fields[0])
+        if channel is not None:
+            channel.owner = fields[1]
 
     def own_of(self, reference):
         """The channel of one's own with this identifier and epoch, or None."""

@@ -8,7 +8,8 @@ use crate::session::{Link, Visit};
 use crate::table::{bytes, facts, span, table};
 use clap::Args;
 use sk_core::flow::report::{
-    ChannelReport, CountsReport, FlowReport, FlowsReport, GraphReport, HubReport, SubscriberReport,
+    ChannelReport, CountsReport, DatagramsReport, FlowReport, FlowsReport, GraphReport, HubReport,
+    SubscriberReport,
 };
 use sk_core::prelude::*;
 use sk_flat::{FromVariant, IntoVariant, VariantError};
@@ -105,7 +106,24 @@ fn of_hub(told: &SkVariant) -> Result<String, VariantError> {
     if hub.spurious > 0 {
         rows.push(("spurious", format!("{} connections were ended for what they sent", hub.spurious)));
     }
+    if let Some(datagrams) = &hub.datagrams {
+        rows.push(("datagrams", datagram_counts(datagrams)));
+    }
     Ok(facts(&rows))
+}
+
+fn datagram_counts(datagrams: &DatagramsReport) -> String {
+    let mut text = format!("at port {}: {} taken", datagrams.port, datagrams.taken);
+    let refused = [
+        (datagrams.unknown, "of no session"),
+        (datagrams.forged, "forged"),
+        (datagrams.replayed, "replayed"),
+        (datagrams.malformed, "malformed"),
+    ];
+    for (count, what) in refused.into_iter().filter(|(count, _)| *count > 0) {
+        text += &format!(", {count} {what}");
+    }
+    text
 }
 
 fn counts(counts: &CountsReport) -> String {

@@ -261,7 +261,7 @@ impl ServerCore {
             connection.udp = Some(Box::new(UdpSession {
                 session,
                 reader: DatagramReader::new(session, DatagramKey::new(key)),
-                gathering: Gathering::default(),
+                gathering: Gathering::charged_to(self.unfinished.clone()),
                 lanes: FxHashMap::default(),
             }));
         }

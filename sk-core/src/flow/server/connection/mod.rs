@@ -11,6 +11,7 @@ pub(super) mod telling;
 
 use super::super::channel::outgoing::Begun;
 use super::super::definition::{Encoded, Tagged};
+use super::super::delivery::Budget;
 use super::super::error::{ClosingReason, ProtocolError};
 use super::super::fragment::Gathering;
 use super::super::inbound::Inbound;
@@ -91,7 +92,7 @@ impl Connection {
         matches!(self.origin, Origin::Inside { .. })
     }
 
-    pub(super) fn new(origin: Origin, hub_nonce: Nonce, now: Instant) -> Connection {
+    pub(super) fn new(origin: Origin, hub_nonce: Nonce, now: Instant, unfinished: Budget) -> Connection {
         Connection {
             origin,
             inbound: Inbound::new(),
@@ -106,7 +107,7 @@ impl Connection {
             session: [0; 16],
             resumed: false,
             form: Form::Binary,
-            gathering: Gathering::default(),
+            gathering: Gathering::charged_to(unfinished),
             udp: None,
             calls: BTreeMap::new(),
             serving: BTreeSet::new(),
