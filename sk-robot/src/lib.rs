@@ -54,7 +54,7 @@ mod run;
 pub mod supervise;
 
 pub use hub::{Hub, HubBuilder, HubError};
-pub use run::RunError;
+pub use run::{FREED_BYTES_KEPT, RunError};
 
 /// Runs the programs of the guide.
 #[cfg(doctest)]
