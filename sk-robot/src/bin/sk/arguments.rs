@@ -1,15 +1,15 @@
 //! What can be typed.
 
-use crate::call::Call;
-use crate::database::Database;
-use crate::echo::Echo;
-use crate::graph::Graph;
-use crate::hz::Hz;
-use crate::info::Info;
-use crate::ls::Ls;
-use crate::module::Module;
-use crate::publish::Publish;
-use crate::why::Why;
+use crate::commands::call::Call;
+use crate::commands::database::Database;
+use crate::commands::echo::Echo;
+use crate::commands::graph::Graph;
+use crate::commands::hz::Hz;
+use crate::commands::info::Info;
+use crate::commands::ls::Ls;
+use crate::commands::module::Module;
+use crate::commands::publish::Publish;
+use crate::commands::why::Why;
 use clap::{Args, Parser, Subcommand};
 use sk_core::flow::rights::Pattern;
 use sk_core::flow::{HubAddress, Right};

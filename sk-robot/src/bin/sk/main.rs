@@ -2,30 +2,16 @@
 #![forbid(unsafe_code)]
 
 mod arguments;
-mod blob;
-mod call;
-mod database;
-mod doctor;
-mod echo;
-mod graph;
-mod hz;
-mod info;
-mod ls;
-mod machine;
-mod module;
-mod module_new;
+mod commands;
 mod names;
 mod output;
 mod password;
-mod publish;
-mod pulse;
 mod session;
 mod table;
-mod user;
-mod why;
 
 use arguments::{Arguments, Completions, Task};
 use clap::{CommandFactory, Parser};
+use commands::{blob, call, database, doctor, echo, graph, hz, info, ls, module, publish, user, why};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {

@@ -1,9 +1,10 @@
 //! `sk doctor`: what keeps a hub from running, or from running well; a line for each check.
 
+mod machine;
+
 use crate::arguments::Arguments;
-use crate::call::ask;
-use crate::machine;
-use crate::module;
+use crate::commands::call::ask;
+use crate::commands::module;
 use crate::output::{json, safe, write};
 use crate::session::{Link, Visit};
 use crate::table::span;
