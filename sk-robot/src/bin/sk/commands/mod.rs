@@ -2,6 +2,7 @@
 
 pub mod blob;
 pub mod call;
+pub mod completions;
 pub mod database;
 pub mod doctor;
 pub mod echo;

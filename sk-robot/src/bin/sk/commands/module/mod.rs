@@ -2,13 +2,14 @@
 
 mod new;
 
-use crate::arguments::{Arguments, ModuleNew, json as parse};
+use crate::arguments::{Arguments, json as parse};
 use crate::commands::call::{self, ask, said};
 use crate::names::missing;
 use crate::output::{json, safe};
 use crate::session::{Link, Visit};
 use crate::table::{facts, table};
 use clap::{Args, Subcommand};
+use new::ModuleNew;
 use sk_core::flow::{Answer, ChannelKind};
 use sk_core::prelude::*;
 use sk_robot::module_service;
