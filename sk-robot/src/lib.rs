@@ -41,7 +41,9 @@
 #![forbid(unsafe_code)]
 
 pub mod config;
+mod hint;
 pub mod hub;
+mod hub_error;
 mod listening;
 pub mod logging;
 pub mod module_service;
