@@ -20,6 +20,8 @@ const ORDERS: [&str; 7] = ["list", "info", "set", "control", "start", "stop", "r
 
 struct ModuleService {
     server: Handle<SkFlowServer>,
+    /// The service's full name: it is what one must have the right to administer.
+    name: String,
     modules: Handle<Modules>,
     /// Those who wait until a module has come to where they want it: a thread takes its time, and one that is begun
     /// again waits until its predecessor is buried.
@@ -42,16 +44,21 @@ pub(crate) fn offer(
     account: &str,
 ) -> io::Result<()> {
     let doc = "The hub's modules: {do: list | info | set | control | start | stop | restart, module, values, command}";
-    let service = server.serve(cx, &format!("{account}.{NAME}"), doc)?;
-    let answerer = cx.under(server).spawn(ModuleService { server, modules, waiting: Vec::new() });
+    let name = format!("{account}.{NAME}");
+    let service = server.serve(cx, &name, doc)?;
+    let answerer = cx
+        .under(server)
+        .spawn(ModuleService { server, name, modules, waiting: Vec::new() });
     attach!(cx, service.request => answerer.on_request);
     Ok(())
 }
 
 impl ModuleService {
     fn on_request(&mut self, cx: &mut Cx, request: &Request) {
-        if !self.server.may(cx, request.asker(), Right::Administer) {
-            request.decline(cx, "only those may command modules who have the right to administer");
+        if !self.server.may(cx, request.asker(), Right::Administer, &self.name) {
+            let why =
+                format!("only those may command modules who have the right to administer {}", self.name);
+            request.decline(cx, &why);
             return;
         }
         if let Err(why) = self.obey(cx, request) {

@@ -97,6 +97,19 @@ fn s89_s92_an_account_is_added_does_what_it_was_granted_and_no_more_and_is_remov
 }
 
 #[test]
+fn who_administers_something_else_does_not_command_the_hubs_modules() {
+    let hub = Hub::start();
+    good(sk_with(&hub, "pencil\n", &["user", "add", "ada"]));
+    good(hub.sk(&["user", "grant", "ada", "call", "robot.modules"]));
+    good(hub.sk(&["user", "grant", "ada", "administer", "ada.*"]));
+    let refused = bad(as_ada(&hub, "pencil", &["module", "stop", "host"]));
+    assert!(refused.contains("right to administer robot.modules"), "{refused}");
+    good(hub.sk(&["user", "grant", "ada", "administer", "robot.modules"]));
+    good(as_ada(&hub, "pencil", &["module", "stop", "host"]));
+    assert!(good(hub.sk(&["module", "ls"])).contains("stopped"));
+}
+
+#[test]
 fn a_killed_hub_forgets_no_account_and_no_right_that_it_acknowledged() {
     let mut hub = Hub::start();
     good(sk_with(&hub, "pencil\n", &["user", "add", "ada"]));

@@ -42,10 +42,9 @@ fn session_of(hub_nonce: &[u8; 32]) -> Session {
 }
 
 impl ServerCore {
-    /// Whether the connection of this id is open and has a right.
-    pub fn has_right(&self, connection: u64, right: Right) -> bool {
-        let found = self.connections.get(ConnectionId::from_wire(connection));
-        found.is_some_and(|found| found.rights.has(right))
+    /// Whether the connection of this id is open and has a right for this name.
+    pub fn permits(&self, connection: u64, right: Right, name: &str) -> bool {
+        self.is_allowed(ConnectionId::from_wire(connection), right, name)
     }
 
     pub(in super::super) fn set_async(
@@ -72,6 +71,7 @@ impl ServerCore {
             return self.refuse(id, tag, RefusalCode::Exists);
         }
         let own = session_of(&connection.hub_nonce);
+        self.end_all_polling(id);
         let full = match predecessor {
             Some(old) => self.take_place(old, id).unwrap_or(full),
             None => full,

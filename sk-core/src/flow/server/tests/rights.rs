@@ -124,6 +124,32 @@ fn s93_only_owners_and_administrators_of_a_name_remove_its_channel() {
 }
 
 #[test]
+fn an_administrator_of_a_channel_who_has_no_other_right_hears_of_it_and_of_its_end() {
+    let (mut hub, mut owner) = hub_with(&["ada"]);
+    let (imu, gps) = (owner.create(&mut hub, "imu"), owner.create(&mut hub, "gps"));
+    let mut ada = flow_of(&mut hub, "ada");
+    grant(&mut hub, &mut owner, "ada", "administer", &["robot.imu"]);
+    assert_eq!(added(&ada.read(&mut hub)), ["robot.imu"]);
+    let removed = ada.ask(&mut hub, &Command::RemoveChannel { channel: imu });
+    assert_eq!(removed, [Event::ChannelRemoved { channel: imu }], "whoever asks is answered");
+    owner.ask(&mut hub, &Command::RemoveChannel { channel: gps });
+    assert_eq!(messages(ada.read(&mut hub)), [], "others are none of its business");
+}
+
+#[test]
+fn who_may_administer_some_names_may_not_administer_all() {
+    let (mut hub, mut owner) = hub_with(&["ada"]);
+    let ada = flow_of(&mut hub, "ada");
+    grant(&mut hub, &mut owner, "ada", "administer", &["ada.*"]);
+    let may = |hub: &ServerCore, name| hub.permits(ada.id.wire(), Right::Administer, name);
+    assert!(may(&hub, "ada.imu") && !may(&hub, "robot.modules"));
+    grant(&mut hub, &mut owner, "ada", "administer", &["robot.modules"]);
+    assert!(may(&hub, "robot.modules") && !may(&hub, "robot.imu"));
+    hub.left(ada.id, at(0));
+    assert!(!may(&hub, "robot.modules"), "a former connection may nothing");
+}
+
+#[test]
 fn s94_a_service_is_open_to_those_who_may_call_it_alone() {
     let (mut hub, mut owner) = hub_with(&["ada"]);
     let (arm, head) = (owner.serve(&mut hub, "arm"), owner.serve(&mut hub, "head"));
