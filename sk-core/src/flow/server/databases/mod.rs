@@ -29,7 +29,7 @@ impl ServerCore {
             Ok(target) => target,
             Err(code) => return self.refuse_database_command(id, tag, selects, code),
         };
-        if let Some(request) = self.summon(&target, &command) {
+        if let Some(request) = self.summon(id, &target, &command) {
             if let Some(connection) = self.connections.get_mut(id) {
                 let again = Tagged { tag, flags: Flags::NONE, message: command };
                 connection.desk.wait_for(request, again);
@@ -73,8 +73,9 @@ impl ServerCore {
         }
     }
 
-    /// The number of the request to wait for, if the command needs contents that are on the disk.
-    fn summon(&mut self, target: &Option<DatabaseName>, command: &Command) -> Option<u64> {
+    /// The number of the request to wait for, if the command needs contents that are on the disk. For whoever may
+    /// neither read nor write them nothing is brought into memory.
+    fn summon(&mut self, id: ConnectionId, target: &Option<DatabaseName>, command: &Command) -> Option<u64> {
         let needs_contents = !matches!(
             command,
             Command::DbSelect { .. }
@@ -84,11 +85,14 @@ impl ServerCore {
                 | Command::DbLoad {}
         );
         let name = target.as_ref().filter(|_| needs_contents)?;
+        if !self.may(id, name, Access::Read) && !self.may(id, name, Access::Write) {
+            return None;
+        }
         match self.databases.reach(name) {
             Reach::Here | Reach::Nowhere => None,
             Reach::Coming(request) => Some(request),
             Reach::OnDisk => {
-                let request = self.storing.ask(name, StoreWork::Load, Purpose::Summon);
+                let request = self.ask_store(name, StoreWork::Load, Purpose::Summon);
                 self.databases.expect(name, request);
                 Some(request)
             }
@@ -150,11 +154,12 @@ impl ServerCore {
         tag: u32,
         name: &DatabaseName,
     ) -> Result<(), RefusalCode> {
-        if !self.databases.exists(name) {
-            return Err(RefusalCode::NoSuchDatabase);
-        }
+        // First, so that nobody learns what there is that is none of his.
         if !self.may(id, name, Access::Read) && !self.may(id, name, Access::Write) {
             return Err(RefusalCode::Denied);
+        }
+        if !self.databases.exists(name) {
+            return Err(RefusalCode::NoSuchDatabase);
         }
         if let Some(connection) = self.connections.get_mut(id) {
             connection.desk.selected = Some(name.clone());
