@@ -24,6 +24,7 @@ mod sync;
 #[cfg(test)]
 mod tests;
 mod turn;
+mod unfinished;
 
 pub use access::accounts::AccountsError;
 pub use access::sessions::Session;
@@ -37,6 +38,7 @@ use super::database::{DatabaseKind, DatabaseName, Databases, Entity};
 use super::definition::Encoded;
 use super::delivery::{Budget, Counts, DropReason};
 use super::error::{ClosingReason, ProtocolError, RefusalCode};
+use super::fragment::HeldBytes;
 use super::frame::Flags;
 use super::limits::{
     CHECK_INTERVAL, CONNECTIONS_MAX, FRAGMENT_BYTES_MAX, LINGER_TIME_MAX, LOG_LINES_PER_SECOND_MAX,
@@ -124,6 +126,8 @@ pub struct ServerCore {
     budget: Budget,
     /// What is kept for late joiners and those who poll.
     kept: usize,
+    /// What the unfinished messages of all connections hold.
+    unfinished: HeldBytes,
     sessions: Sessions,
     udp: Udp,
     addresses: Addresses,
@@ -169,6 +173,7 @@ impl ServerCore {
             ended: Counts::default(),
             budget: Budget::default(),
             kept: 0,
+            unfinished: HeldBytes::default(),
             sessions: Sessions::default(),
             udp: Udp::default(),
             addresses: Addresses::default(),
@@ -214,7 +219,7 @@ impl ServerCore {
             self.evict();
         }
         self.databases.stir(&nonce);
-        let id = self.connections.add(Connection::new(origin, nonce, now));
+        let id = self.connections.add(Connection::new(origin, nonce, now, &self.unfinished));
         self.waiting += 1;
         while let Some(first) = self.newcomers.front()
             && !self.connections.get(*first).is_some_and(is_waiting)
@@ -448,7 +453,6 @@ impl ServerCore {
         let Some(connection) = self.connections.get_mut(id) else { return };
         let owned = std::mem::take(&mut connection.owned);
         let subscribed = connection.output.channels();
-        let polled = std::mem::take(&mut connection.polls);
         self.leave_databases(id);
         for channel in owned {
             self.remove_channel(channel, None, reason);
@@ -456,9 +460,7 @@ impl ServerCore {
         for channel in subscribed {
             self.end_subscription(id, channel, reason);
         }
-        for channel in polled {
-            self.end_polling(id, channel);
-        }
+        self.end_all_polling(id);
     }
 
     /// Does what must not happen in the middle of a call: closes those whose control queue ran over. Each

@@ -8,6 +8,8 @@ use crate::testing::{Bug, is_planted};
 use bytes::{Bytes, BytesMut};
 use rustc_hash::FxHashMap;
 use smallvec::{SmallVec, smallvec};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// The payloads of a message's fragments, in order. Most messages have one.
 pub type Pieces = SmallVec<[Bytes; 1]>;
@@ -52,13 +54,49 @@ pub enum Gathered {
     Ignored,
 }
 
+/// What the unfinished messages of many connections hold together. A clone counts into the same sum.
+#[derive(Clone, Debug, Default)]
+pub struct HeldBytes(Arc<AtomicUsize>);
+
+impl HeldBytes {
+    /// What is held now.
+    pub fn get(&self) -> usize {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// What one connection holds of it.
+#[derive(Debug, Default)]
+struct Share {
+    bytes: usize,
+    all: HeldBytes,
+}
+
+impl Share {
+    fn hold(&mut self, bytes: usize) {
+        self.bytes += bytes;
+        self.all.0.fetch_add(bytes, Ordering::Relaxed);
+    }
+
+    fn release(&mut self, bytes: usize) {
+        self.bytes -= bytes;
+        self.all.0.fetch_sub(bytes, Ordering::Relaxed);
+    }
+}
+
+impl Drop for Share {
+    fn drop(&mut self) {
+        self.release(self.bytes);
+    }
+}
+
 /// The unfinished messages of one connection, at most one for each key: a channel, or the tag of a call.
 ///
 /// Small pieces are copied out of the receive buffer, so that what is charged is what is held.
 #[derive(Debug)]
 pub struct Gathering<K = ChannelRef> {
     unfinished: FxHashMap<K, Unfinished>,
-    bytes: usize,
+    share: Share,
 }
 
 #[derive(Debug)]
@@ -72,7 +110,19 @@ struct Unfinished {
 
 impl<K> Default for Gathering<K> {
     fn default() -> Self {
-        Gathering { unfinished: FxHashMap::default(), bytes: 0 }
+        Gathering::counted_in(&HeldBytes::default())
+    }
+}
+
+impl<K> Gathering<K> {
+    /// One with nothing in it. What it will hold counts into this sum too.
+    pub fn counted_in(all: &HeldBytes) -> Gathering<K> {
+        Gathering { unfinished: FxHashMap::default(), share: Share { bytes: 0, all: all.clone() } }
+    }
+
+    /// What is held and charged.
+    pub fn bytes(&self) -> usize {
+        self.share.bytes
     }
 }
 
@@ -138,13 +188,13 @@ impl<K: Copy + Eq + std::hash::Hash> Gathering<K> {
         let mut outcome = Gathered::More;
         match &mut found.pieces {
             None => outcome = Gathered::Ignored,
-            Some(_) if self.bytes + charge > UNFINISHED_BYTES_MAX => {
-                self.bytes -= std::mem::take(&mut found.charged);
+            Some(_) if self.share.bytes + charge > UNFINISHED_BYTES_MAX => {
+                self.share.release(std::mem::take(&mut found.charged));
                 found.pieces = None;
                 outcome = Gathered::Overfull;
             }
             Some(pieces) => {
-                self.bytes += charge;
+                self.share.hold(charge);
                 found.charged += charge;
                 let start = usize::from(is_planted(Bug::ByteLost) && payload.len() > 1);
                 pieces.push(owned_if_small(payload.slice(start..)));
@@ -153,7 +203,7 @@ impl<K: Copy + Eq + std::hash::Hash> Gathering<K> {
         if flags.has(Flags::LAST)
             && let Some(ended) = self.unfinished.remove(&channel)
         {
-            self.bytes -= ended.charged;
+            self.share.release(ended.charged);
             if let Some(pieces) = ended.pieces {
                 return Ok(Gathered::Whole(pieces));
             }
@@ -164,14 +214,26 @@ impl<K: Copy + Eq + std::hash::Hash> Gathering<K> {
     /// Forgets what is unfinished on a channel; says whether a message was held.
     pub fn forget(&mut self, channel: K) -> bool {
         self.unfinished.remove(&channel).is_some_and(|ended| {
-            self.bytes -= ended.charged;
+            self.share.release(ended.charged);
             ended.pieces.is_some()
         })
     }
 
-    /// What is held and charged.
-    pub fn bytes(&self) -> usize {
-        self.bytes
+    /// Gives up every message that is unfinished: nothing is held any more, and what still comes of them is ignored.
+    /// Answers where they were to go, in their order.
+    pub fn give_up(&mut self) -> Vec<K>
+    where
+        K: Ord,
+    {
+        let mut given_up = Vec::new();
+        for (key, unfinished) in &mut self.unfinished {
+            if unfinished.pieces.take().is_some() {
+                self.share.release(std::mem::take(&mut unfinished.charged));
+                given_up.push(*key);
+            }
+        }
+        given_up.sort_unstable();
+        given_up
     }
 }
 
@@ -252,6 +314,23 @@ mod tests {
         assert_eq!(all.take(refused, 1, Flags::LAST, piece.clone(), usize::MAX), Ok(Gathered::Ignored));
         assert!(all.forget(A), "room again");
         assert_eq!(all.take(refused, 2, Flags::FIRST, piece, usize::MAX), Ok(Gathered::More));
+    }
+
+    #[test]
+    fn what_many_hold_is_one_sum_and_who_gives_up_or_goes_holds_nothing() {
+        let sum = HeldBytes::default();
+        let [mut one, mut two] = [(); 2].map(|()| Gathering::counted_in(&sum));
+        for channel in [B, A] {
+            assert_eq!(one.take(channel, 1, Flags::FIRST, bytes("one"), 99), Ok(Gathered::More));
+        }
+        assert_eq!(two.take(A, 1, Flags::FIRST, bytes("two"), 99), Ok(Gathered::More));
+        assert_eq!((one.bytes() + two.bytes(), sum.get()), (sum.get(), 3 * (3 + ITEM_OVERHEAD_BYTES)));
+        assert_eq!(one.give_up(), [A, B]);
+        assert_eq!((one.give_up(), one.bytes(), sum.get()), (vec![], 0, two.bytes()));
+        assert_eq!(one.take(A, 1, Flags::LAST, bytes("!"), 99), Ok(Gathered::Ignored));
+        assert_eq!(one.take(A, 2, Flags::WHOLE, bytes("?"), 99), Ok(Gathered::Whole(smallvec![bytes("?")])));
+        drop(two);
+        assert_eq!(sum.get(), 0);
     }
 
     #[test]

@@ -89,7 +89,8 @@ impl ServerCore {
         gathered: Gathered,
     ) {
         match gathered {
-            Gathered::More | Gathered::Ignored => {}
+            Gathered::More => self.bound_unfinished(),
+            Gathered::Ignored => {}
             // The owner may have sent this before it attached the channel to another one.
             Gathered::Whole(_) if self.is_attached(channel) => self.refuse(id, tag, RefusalCode::Attached),
             Gathered::Whole(pieces) => self.fan_out(channel, message, pieces),

@@ -65,6 +65,16 @@ impl UdpSession {
         self.lanes.remove(&channel);
     }
 
+    /// What is held of unfinished messages.
+    pub(in super::super) fn bytes(&self) -> usize {
+        self.gathering.bytes()
+    }
+
+    /// Gives all of them up; answers their channels.
+    pub(in super::super) fn give_up(&mut self) -> Vec<ChannelRef> {
+        self.gathering.give_up()
+    }
+
     /// The place of a fragment in its channel. A message that is given up holds no bytes any more.
     fn place(&mut self, channel: ChannelRef, counter: u64, flags: Flags, message: u32) -> Place {
         let lane = self.lanes.entry(channel).or_default();
@@ -261,7 +271,7 @@ impl ServerCore {
             connection.udp = Some(Box::new(UdpSession {
                 session,
                 reader: DatagramReader::new(session, DatagramKey::new(key)),
-                gathering: Gathering::default(),
+                gathering: Gathering::counted_in(&self.unfinished),
                 lanes: FxHashMap::default(),
             }));
         }

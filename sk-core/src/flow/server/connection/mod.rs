@@ -12,7 +12,7 @@ pub(super) mod telling;
 use super::super::channel::outgoing::Begun;
 use super::super::definition::{Encoded, Tagged};
 use super::super::error::{ClosingReason, ProtocolError};
-use super::super::fragment::Gathering;
+use super::super::fragment::{Gathering, HeldBytes};
 use super::super::inbound::Inbound;
 use super::super::login::Nonce;
 use super::super::scram::ServerExchange;
@@ -91,7 +91,8 @@ impl Connection {
         matches!(self.origin, Origin::Inside { .. })
     }
 
-    pub(super) fn new(origin: Origin, hub_nonce: Nonce, now: Instant) -> Connection {
+    /// One that has just been made; what its unfinished messages hold counts into `unfinished` too.
+    pub(super) fn new(origin: Origin, hub_nonce: Nonce, now: Instant, unfinished: &HeldBytes) -> Connection {
         Connection {
             origin,
             inbound: Inbound::new(),
@@ -106,7 +107,7 @@ impl Connection {
             session: [0; 16],
             resumed: false,
             form: Form::Binary,
-            gathering: Gathering::default(),
+            gathering: Gathering::counted_in(unfinished),
             udp: None,
             calls: BTreeMap::new(),
             serving: BTreeSet::new(),

@@ -87,7 +87,8 @@ impl ServerCore {
             .gathering
             .take(Incoming::Call(tag), tag, flags, piece.payload, bytes_max)?
         {
-            Gathered::More | Gathered::Ignored => {}
+            Gathered::More => self.bound_unfinished(),
+            Gathered::Ignored => {}
             Gathered::Whole(pieces) => {
                 connection.calls.remove(&tag);
                 let opened = self.open_request(id, tag, piece.channel, piece.deadline_ms, pieces);
@@ -98,13 +99,17 @@ impl ServerCore {
             Gathered::Aborted => {
                 connection.calls.remove(&tag);
             }
-            Gathered::Overfull => {
-                connection.gathering.forget(Incoming::Call(tag));
-                connection.calls.remove(&tag);
-                self.refuse(id, tag, RefusalCode::Full);
-            }
+            Gathered::Overfull => self.give_up_call(id, tag),
         }
         Ok(())
+    }
+
+    /// There is no room for a call that is coming in.
+    pub(super) fn give_up_call(&mut self, id: ConnectionId, tag: u32) {
+        let Some(connection) = self.connections.get_mut(id) else { return };
+        connection.gathering.forget(Incoming::Call(tag));
+        connection.calls.remove(&tag);
+        self.refuse(id, tag, RefusalCode::Full);
     }
 
     /// What can be said against a call when it begins.
@@ -220,7 +225,8 @@ impl ServerCore {
             .gathering
             .take(Incoming::Answer(wire), wire as u32, flags, payload, bytes_max)?
         {
-            Gathered::More | Gathered::Ignored | Gathered::Aborted => {}
+            Gathered::More => self.bound_unfinished(),
+            Gathered::Ignored | Gathered::Aborted => {}
             Gathered::Whole(pieces) => self.reply(request, pieces, more == 1),
             Gathered::Overfull => self.end_request(request, Some((RefusalCode::Full, None))),
         }
@@ -300,7 +306,7 @@ impl ServerCore {
 
     /// Ends a request before its last answer: the asker hears why, unless it has gone or given it up; the owner
     /// hears that it is over, if it has heard of it at all.
-    fn end_request(&mut self, id: RequestId, refusal: Option<(RefusalCode, Option<String>)>) {
+    pub(super) fn end_request(&mut self, id: RequestId, refusal: Option<(RefusalCode, Option<String>)>) {
         let Some(request) = self.forget_request(id) else { return };
         let declined = matches!(refusal, Some((RefusalCode::Declined, _)));
         if let Some((code, text)) = refusal {
