@@ -3,6 +3,8 @@
 use super::accounts::{flow_of, log_in, name, verifier};
 use super::*;
 use crate::flow::Value;
+use crate::flow::report::ChannelReport;
+use sk_flat::FromVariant as _;
 
 /// A hub with the owner's flow, and accounts without rights.
 pub(super) fn hub_with(users: &[&str]) -> (ServerCore, Raw) {
@@ -355,4 +357,23 @@ fn the_hub_tells_of_itself_what_the_asker_may_list() {
     assert!(text.contains("robot.imu") && !text.contains("robot.gps"), "{text}");
     grant(&mut hub, &mut owner, "ada", "list", &["*"]);
     assert_ne!(ada.ask(&mut hub, &inspect("flows")), denied());
+}
+
+#[test]
+fn of_those_around_a_channel_the_hub_tells_what_the_asker_may_list() {
+    let (mut hub, mut owner) = hub_with(&["ada"]);
+    let [imu, copy] = ["imu", "copy"].map(|name| owner.create(&mut hub, name));
+    owner.ask(&mut hub, &Command::Attach { replica: copy, source: imu });
+    Raw::flow(&mut hub, OWNER).subscribe(&mut hub, imu);
+    let mut ada = log_in(&mut hub, "ada");
+    for (patterns, around) in [(&["robot.imu"][..], false), (&["robot.*"][..], true)] {
+        grant(&mut hub, &mut owner, "ada", "list", patterns);
+        let subject = "channel robot.imu".to_owned();
+        let told = ada.ask(&mut hub, &Command::Inspect { subject, form: Form::Binary });
+        let [Event::Value { value }] = &told[..] else { panic!("{told:?}") };
+        let told = ChannelReport::from_variant(&value.variant()).expect("it is what the type reads");
+        let some = usize::from(around);
+        assert_eq!((told.repeated_by.len(), told.subscribers.len()), (some, some), "{patterns:?}");
+        assert_eq!(told.left_out, u32::from(!around));
+    }
 }
