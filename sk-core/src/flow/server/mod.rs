@@ -56,6 +56,7 @@ use channels::udp::Udp;
 use connection::addresses::Addresses;
 use connection::alarms::Alarms;
 use connection::{Connection, Connections};
+use databases::selected::Selected;
 use databases::storing::Storing;
 use notice::LogLimit;
 use services::requests::Requests;
@@ -112,6 +113,7 @@ pub struct ServerCore {
     connections: Connections,
     channels: Registry<Subscribers>,
     databases: Databases,
+    selected: Selected,
     storing: Storing,
     filing: Filing,
     /// Connections with commands that wait for their turn.
@@ -164,6 +166,7 @@ impl ServerCore {
             connections: Connections::default(),
             channels: Registry::default(),
             databases: Databases::default(),
+            selected: Selected::default(),
             storing: Storing::default(),
             filing: Filing::default(),
             work: VecDeque::new(),

@@ -3,6 +3,7 @@
 mod access;
 mod defaults;
 pub(super) mod desk;
+pub(super) mod selected;
 pub(super) mod storing;
 pub(super) mod watches;
 
@@ -51,9 +52,7 @@ impl ServerCore {
     /// After a `db_select` that was refused no database is current: a client may have sent commands behind it
     /// without waiting, and those must not act on the one before.
     fn deselect(&mut self, id: ConnectionId) {
-        if let Some(connection) = self.connections.get_mut(id) {
-            connection.desk.selected = None;
-        }
+        self.select(id, None);
     }
 
     /// Which database a command is about: the one that it names, or the current one. `db_list` and `unwatch`
@@ -161,9 +160,7 @@ impl ServerCore {
         if !self.databases.exists(name) {
             return Err(RefusalCode::NoSuchDatabase);
         }
-        if let Some(connection) = self.connections.get_mut(id) {
-            connection.desk.selected = Some(name.clone());
-        }
+        self.select(id, Some(name.clone()));
         self.answer(id, tag, &Event::DatabaseSelected { database: name.to_string() });
         Ok(())
     }
@@ -375,18 +372,15 @@ impl ServerCore {
                 self.answer(id, watcher.tag, &Event::WatchOver {});
             }
         }
-        for id in self.connections.ids() {
-            if let Some(connection) = self.connections.get_mut(id)
-                && connection.desk.selected.as_ref() == Some(name)
-            {
-                connection.desk.selected = None;
-                self.answer(id, 0, &Event::DatabaseSelected { database: String::new() });
-            }
+        for id in self.selected.of(name) {
+            self.select(id, None);
+            self.answer(id, 0, &Event::DatabaseSelected { database: String::new() });
         }
     }
 
     /// A connection ends: nobody is to be told any more, and a flow's database goes.
     pub(super) fn leave_databases(&mut self, id: ConnectionId) {
+        self.select(id, None);
         let Some(connection) = self.connections.get_mut(id) else { return };
         let watches = connection.desk.end();
         let flow = connection.flow.clone();
