@@ -80,6 +80,9 @@ pub const ITEM_OVERHEAD_BYTES: usize = 64;
 /// What may wait in a connection's queue of control frames. Beyond it the connection is closed; from half
 /// of it on its own commands wait.
 pub const CONTROL_BYTES_MAX: usize = 4 * 1024 * 1024;
+/// What may be announced to everybody, of channels and what they say of themselves, until deadlines are looked at
+/// again: a part of the queue of control frames that each has. Who announces more waits.
+pub const ANNOUNCED_BYTES_MAX: usize = CONTROL_BYTES_MAX / 4;
 /// How much is moved from the queues to the transport's side ahead of the socket. Small, so that drop
 /// policies still reach what waits behind it.
 pub const WIRE_BYTES_AHEAD: usize = 64 * 1024;

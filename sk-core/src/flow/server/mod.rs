@@ -52,6 +52,7 @@ use access::accounts::Accounts;
 use access::sessions::Sessions;
 use blobs::desk::Filing;
 use channels::audience::Subscribers;
+use channels::pacing::Announced;
 use channels::udp::Udp;
 use connection::addresses::Addresses;
 use connection::alarms::Alarms;
@@ -146,6 +147,8 @@ pub struct ServerCore {
     /// Those of them that the hub itself is to answer.
     serving: BTreeSet<RequestId>,
     unmatched_answers: u64,
+    /// What everybody was told just now, and who waits with more.
+    announced: Announced,
     /// The sync channels and their targets.
     clocks: BTreeMap<ChannelRef, Clock>,
     spurious: u64,
@@ -188,6 +191,7 @@ impl ServerCore {
             requests: Requests::default(),
             serving: BTreeSet::new(),
             unmatched_answers: 0,
+            announced: Announced::default(),
             clocks: BTreeMap::new(),
             spurious: 0,
             log: LogLimit::new(LOG_LINES_PER_SECOND_MAX),

@@ -80,6 +80,9 @@ impl ServerCore {
                 }
                 Ok(Some(tagged)) => {
                     connection.frame_begun = None;
+                    if self.must_wait(&tagged.message) {
+                        return self.pace(id, tagged);
+                    }
                     let cost = tagged.message.definition().cost;
                     if let Err(error) = self.dispatch(id, tagged) {
                         return self.kill(id, error);

@@ -21,6 +21,7 @@ impl ServerCore {
             return self.settle();
         }
         self.next_check = now + CHECK_INTERVAL;
+        self.go_on_announcing();
         while let Some((at, id)) = self.alarms.next_due(now) {
             let Some(connection) = self.connections.get_mut(id) else { continue };
             if connection.alarm == Some(at) {
