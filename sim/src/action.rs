@@ -1,6 +1,6 @@
 //! What can happen to a node.
 
-use crate::script::{Words, number, words};
+use crate::words::{Words, name_of, named, number, words};
 use sk_core::world::Death;
 use std::fmt;
 
@@ -18,6 +18,12 @@ pub enum Action {
     HearAll(u16, u8, u16),
     /// It gives that subscription up.
     Unhear(u16, u8),
+    /// Its channel of that number is published by datagrams from now on.
+    ByUdp(u8),
+    /// It asks for the newest message of another node's channel, as one who asks now and then.
+    Poll(u16, u8),
+    /// It does not ask for it any more.
+    PollNoMore(u16, u8),
     /// Its channel of that number repeats another node's: whose, and which.
     Repeat(u8, u16, u8),
     /// It repeats nothing any more.
@@ -50,6 +56,18 @@ pub enum Action {
     Watch(u16),
     /// It compares what it was told of what it watches with what there is.
     Ask,
+    /// It uploads to the path of that number the content of that version, of so many bytes.
+    Put(u8, u16, u32),
+    /// It makes a folder in its blob channel.
+    MakeFolder,
+    /// It moves what stands at a path to another one.
+    Shift(u8, u8),
+    /// It removes what stands at a path.
+    Drop(u8),
+    /// It downloads what stands at a path of that node's blob channel, and asks what it is.
+    Fetch(u16, u8),
+    /// It asks what stands in that node's blob channel.
+    Browse(u16),
     /// Of 1024 reads, writes and synchronisations of the hub's disk so many fail, and it has room for so many KiB (0: as
     /// many as are wanted).
     Disk(u16, u16, u16, u16),
@@ -62,6 +80,9 @@ pub enum Action {
     /// The way to the hub is late by microseconds, by chance later still, and cut into pieces of at most that size
     /// (0: whole).
     Link(u32, u32, u16),
+    /// Of 1024 datagrams to the hub so many are lost and so many come twice, and all are late by chance by up to so many
+    /// microseconds.
+    Lossy(u16, u16, u32),
     /// The way refuses those who want to connect.
     Refuse,
     /// The way is in order again, and no partition is left.
@@ -72,6 +93,12 @@ pub enum Action {
     Reset,
     /// The process ends without a word.
     Die(Death),
+    /// It is started anew and calls another hub than its own.
+    Stray,
+    /// It is started anew and calls its own hub again.
+    Home,
+    /// It says that it is done with a tick so many microseconds late.
+    Late(u32),
     /// It ends as it should.
     Quit,
     /// It is started again.
@@ -114,15 +141,6 @@ pub(crate) const WILDNESSES: [(Wildness, &str); 8] = [
 const DEATHS: [(Death, &str); 3] =
     [(Death::Killed, "killed"), (Death::Vanished, "vanished"), (Death::PowerCut, "power-cut")];
 
-fn name_of<T: PartialEq>(names: &[(T, &'static str)], value: &T) -> &'static str {
-    names.iter().find(|(known, _)| known == value).map_or("?", |(_, name)| name)
-}
-
-fn named<T: Copy>(names: &[(T, &'static str)], words: &mut Words<'_>) -> Option<T> {
-    let word = words.next()?;
-    names.iter().find(|(_, name)| *name == word).map(|(value, _)| *value)
-}
-
 impl fmt::Display for Action {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
@@ -135,6 +153,12 @@ impl fmt::Display for Action {
                 words(f, "hear-all", &[node.into(), channel.into(), depth.into()])
             }
             Action::Unhear(node, channel) => words(f, "unhear", &[node.into(), channel.into()]),
+            Action::Poll(node, channel) => words(f, "poll", &[node.into(), channel.into()]),
+            Action::ByUdp(channel) => words(f, "by-udp", &[channel.into()]),
+            Action::Lossy(loss, twice, jitter) => {
+                words(f, "lossy", &[loss.into(), twice.into(), jitter.into()])
+            }
+            Action::PollNoMore(node, channel) => words(f, "poll-no-more", &[node.into(), channel.into()]),
             Action::Repeat(channel, node, source) => {
                 words(f, "repeat", &[channel.into(), node.into(), source.into()])
             }
@@ -155,6 +179,14 @@ impl fmt::Display for Action {
             Action::Load => f.write_str("load"),
             Action::Watch(node) => words(f, "watch", &[node.into()]),
             Action::Ask => f.write_str("ask"),
+            Action::Put(path, version, bytes) => {
+                words(f, "put", &[path.into(), version.into(), bytes.into()])
+            }
+            Action::MakeFolder => f.write_str("make-folder"),
+            Action::Shift(from, to) => words(f, "shift", &[from.into(), to.into()]),
+            Action::Drop(path) => words(f, "drop", &[path.into()]),
+            Action::Fetch(node, path) => words(f, "fetch", &[node.into(), path.into()]),
+            Action::Browse(node) => words(f, "browse", &[node.into()]),
             Action::Disk(read, write, sync, kib) => {
                 words(f, "disk", &[read.into(), write.into(), sync.into(), kib.into()])
             }
@@ -169,6 +201,9 @@ impl fmt::Display for Action {
             Action::Part(out, back) => words(f, "part", &[out.into(), back.into()]),
             Action::Reset => f.write_str("reset"),
             Action::Die(death) => write!(f, "die {}", name_of(&DEATHS, &death)),
+            Action::Stray => f.write_str("stray"),
+            Action::Home => f.write_str("home"),
+            Action::Late(us) => words(f, "late", &[us.into()]),
             Action::Quit => f.write_str("quit"),
             Action::Start => f.write_str("start"),
         }
@@ -183,6 +218,10 @@ impl Action {
             "hear" => Action::Hear(number(words)?, number(words)?, number(words)?),
             "hear-all" => Action::HearAll(number(words)?, number(words)?, number(words)?),
             "unhear" => Action::Unhear(number(words)?, number(words)?),
+            "poll" => Action::Poll(number(words)?, number(words)?),
+            "by-udp" => Action::ByUdp(number(words)?),
+            "lossy" => Action::Lossy(number(words)?, number(words)?, number(words)?),
+            "poll-no-more" => Action::PollNoMore(number(words)?, number(words)?),
             "repeat" => Action::Repeat(number(words)?, number(words)?, number(words)?),
             "repeat-no-more" => Action::RepeatNoMore(number(words)?),
             "tick" => Action::Tick,
@@ -199,6 +238,12 @@ impl Action {
             "load" => Action::Load,
             "watch" => Action::Watch(number(words)?),
             "ask" => Action::Ask,
+            "put" => Action::Put(number(words)?, number(words)?, number(words)?),
+            "make-folder" => Action::MakeFolder,
+            "shift" => Action::Shift(number(words)?, number(words)?),
+            "drop" => Action::Drop(number(words)?),
+            "fetch" => Action::Fetch(number(words)?, number(words)?),
+            "browse" => Action::Browse(number(words)?),
             "disk" => Action::Disk(number(words)?, number(words)?, number(words)?, number(words)?),
             "rot" => Action::Rot(number(words)?, number(words)?),
             "slow" => Action::Slow(number(words)?),
@@ -209,6 +254,9 @@ impl Action {
             "part" => Action::Part(number::<u8>(words)? == 1, number::<u8>(words)? == 1),
             "reset" => Action::Reset,
             "die" => Action::Die(named(&DEATHS, words)?),
+            "stray" => Action::Stray,
+            "home" => Action::Home,
+            "late" => Action::Late(number(words)?),
             "quit" => Action::Quit,
             "start" => Action::Start,
             _ => return None,

@@ -3,7 +3,6 @@
 //! A variable has one writer. What it wrote last of what was acknowledged must be there, or something later; what was
 //! never answered may be there or not. When a hub begins anew, the disk decides about that for good.
 
-use crate::ledger::{Ledger, Rule};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
@@ -145,78 +144,78 @@ fn said(value: Option<u64>) -> String {
 /// What the disk of a hub that begins has: databases with their variables.
 pub(crate) type OnDisk = BTreeMap<String, BTreeMap<String, String>>;
 
-impl Ledger {
+impl Archive {
     /// A hub begins and has opened its store: nothing acknowledged is missing, and nothing is there that was not
-    /// written so.
-    pub(crate) fn hub_found(&mut self, on_disk: &OnDisk, damage: Option<&str>) {
+    /// written so. Answers what is wrong.
+    pub(crate) fn hub_found(&mut self, on_disk: &OnDisk, damage: Option<&str>) -> Vec<String> {
+        let mut wrong = Vec::new();
         if let Some(why) = damage
-            && !self.archive.rotten
+            && !self.rotten
         {
-            self.complain(Rule::Kept, format!("the store is damaged though nothing did that: {why}"));
+            wrong.push(format!("the store is damaged though nothing did that: {why}"));
         }
-        for place in self.archive.places() {
-            let found = self.found_at(&place, on_disk);
+        for place in self.places() {
+            let found = found_at(&place, on_disk);
             let (number, whole) = match found {
                 Found::Nothing => (None, true),
                 Found::Value(number) => (Some(number), true),
                 Found::Other(text) => {
-                    self.complain(Rule::Kept, format!("{} of {} is {text}", place.1, place.0));
+                    wrong.push(format!("{} of {} is {text}", place.1, place.0));
                     (None, false)
                 }
             };
-            if whole && damage.is_none() && !self.archive.may_be(&place, number) {
-                let (found, kept) = (said(number), self.archive.last_kept(&place));
+            if whole && damage.is_none() && !self.may_be(&place, number) {
+                let (found, kept) = (said(number), self.last_kept(&place));
                 let text = format!("{} of {}: {kept} was acknowledged, {found} is found", place.1, place.0);
-                self.complain(Rule::Kept, text);
+                wrong.push(text);
             }
-            self.archive.settle(&place, number);
+            self.settle(&place, number);
         }
         if damage.is_some() {
             // What a hub before this one promised may still be on its way, and is worth nothing any more.
-            let all = self.archive.places.values_mut().flatten();
+            let all = self.places.values_mut().flatten();
             let under_way = all.filter(|written| written.state == State::UnderWay);
             under_way.for_each(|written| written.state = State::Void);
         }
-        self.archive.rotten = false;
+        self.rotten = false;
+        wrong
     }
 
-    fn found_at(&self, (database, key): &Place, on_disk: &OnDisk) -> Found {
-        let Some(variables) = on_disk.get(database) else { return Found::Nothing };
-        let number = |key: &str| {
-            let place = (database.clone(), key.to_owned());
-            variables
-                .get(key)
-                .map(|text| number_of(&place, text).ok_or_else(|| text.clone()))
-        };
-        let told = |text: &str| Found::Other(format!("{:?}, which nobody wrote there", start_of(text)));
-        if key != WHOLE {
-            return match number(key) {
-                None => Found::Nothing,
-                Some(Ok(number)) => Found::Value(number),
-                Some(Err(text)) => told(&text),
-            };
-        }
-        let parts: Vec<_> = variables.keys().map(|key| number(key)).collect();
-        match parts.first() {
+    /// What is wrong with a text that was read at a place, if something is.
+    pub(crate) fn wrong_value(place: &Place, text: &str) -> Option<String> {
+        let is_right = number_of(place, text).is_some();
+        (!is_right).then(|| format!("{} of {} is said to be {:?}", place.1, place.0, start_of(text)))
+    }
+}
+
+fn found_at((database, key): &Place, on_disk: &OnDisk) -> Found {
+    let Some(variables) = on_disk.get(database) else { return Found::Nothing };
+    let number = |key: &str| {
+        let place = (database.clone(), key.to_owned());
+        variables
+            .get(key)
+            .map(|text| number_of(&place, text).ok_or_else(|| text.clone()))
+    };
+    let told = |text: &str| Found::Other(format!("{:?}, which nobody wrote there", start_of(text)));
+    if key != WHOLE {
+        return match number(key) {
             None => Found::Nothing,
-            Some(Some(Ok(first)))
-                if parts.len() == PARTS && parts.iter().all(|part| *part == Some(Ok(*first))) =>
-            {
-                Found::Value(*first)
-            }
-            _ => Found::Other(format!(
-                "not of one moment: {:?}",
-                variables.values().map(|v| start_of(v)).collect::<Vec<_>>()
-            )),
-        }
+            Some(Ok(number)) => Found::Value(number),
+            Some(Err(text)) => told(&text),
+        };
     }
-
-    /// A variable was read from a running hub, or a watch told it.
-    pub(crate) fn was_read(&mut self, place: &Place, text: &str) {
-        if number_of(place, text).is_none() {
-            let text = format!("{} of {} is said to be {:?}", place.1, place.0, start_of(text));
-            self.complain(Rule::Kept, text);
+    let parts: Vec<_> = variables.keys().map(|key| number(key)).collect();
+    match parts.first() {
+        None => Found::Nothing,
+        Some(Some(Ok(first)))
+            if parts.len() == PARTS && parts.iter().all(|part| *part == Some(Ok(*first))) =>
+        {
+            Found::Value(*first)
         }
+        _ => Found::Other(format!(
+            "not of one moment: {:?}",
+            variables.values().map(|v| start_of(v)).collect::<Vec<_>>()
+        )),
     }
 }
 

@@ -12,16 +12,20 @@ const STREAM: u64 = 1 << 50;
 /// Channels of one node.
 const CHANNELS: u64 = 3;
 
+/// The number of the undisturbed pair's first.
+const SPEAKER: u16 = 1;
+/// Later than any run lasts.
+const FOR_EVER_US: u32 = 3_600_000_003;
+
 /// The script of a seed.
 pub fn script(seed: u64) -> Script {
     let mut draw = Draw { rng: SimulatedRng::new(seed, STREAM) };
     let nodes = draw.nodes();
-    let with_scribes = nodes.iter().any(|(_, role)| matches!(role, Role::Scribe(_)));
-    let kinds = draw.kinds(with_scribes);
+    let kinds = draw.kinds(&nodes);
     let actors: Vec<(u16, Role)> = nodes
         .iter()
         .copied()
-        .filter(|(_, role)| !matches!(role, Role::Hub | Role::Speaker | Role::Listener))
+        .filter(|(_, role)| !role.is_hub() && !matches!(role, Role::Speaker | Role::Listener))
         .collect();
     let mut steps = Vec::new();
     draw.beginnings(&mut steps, &actors);
@@ -30,7 +34,7 @@ pub fn script(seed: u64) -> Script {
     for _ in 0..10 + draw.below(60) {
         let (node, role) = actors[draw.below(actors.len() as u64) as usize];
         let kind = kinds[draw.below(kinds.len() as u64) as usize];
-        draw.step(&mut steps, at_us, (node, role), kind, &actors);
+        draw.step(&mut steps, at_us, (node, role), (kind, &kinds), &actors);
         at_us += if draw.one_in(3) { draw.below(200_000) } else { draw.below(5_000) };
     }
     steps.sort_by_key(|step| step.at_us);
@@ -59,6 +63,10 @@ enum Kind {
     Changes,
     DiskFaults,
     Rot,
+    Strays,
+    Looks,
+    Files,
+    Datagrams,
 }
 
 impl Kind {
@@ -76,11 +84,27 @@ impl Kind {
     }
 }
 
-fn scribes_of(actors: &[(u16, Role)]) -> impl Iterator<Item = u16> + '_ {
-    actors
-        .iter()
-        .filter(|(_, role)| matches!(role, Role::Scribe(_)))
-        .map(|(number, _)| *number)
+/// The numbers of those with such a role.
+fn those(nodes: &[(u16, Role)], is: impl Fn(Role) -> bool) -> Vec<u16> {
+    let them = nodes.iter().filter(|(_, role)| is(*role));
+    them.map(|(number, _)| *number).collect()
+}
+
+fn is_poller(role: Role) -> bool {
+    matches!(role, Role::Poller(_))
+}
+
+fn is_filer(role: Role) -> bool {
+    matches!(role, Role::Filer(_))
+}
+
+fn is_scribe(role: Role) -> bool {
+    matches!(role, Role::Scribe(_))
+}
+
+/// One more takes part.
+fn add(nodes: &mut Vec<(u16, Role)>, role: Role) {
+    nodes.push((nodes.len() as u16, role));
 }
 
 struct Draw {
@@ -96,8 +120,17 @@ impl Draw {
         self.rng.next_u64().is_multiple_of(count)
     }
 
+    fn one_of<T: Copy>(&mut self, many: &[T]) -> T {
+        many[self.below(many.len() as u64) as usize]
+    }
+
+    /// The way of one who speaks the protocol over a plain socket.
     fn way(&mut self) -> Way {
-        if self.one_in(2) { Way::Tcp } else { Way::Unix }
+        self.one_of(&[Way::Tcp, Way::Unix])
+    }
+
+    fn any_way(&mut self) -> Way {
+        self.one_of(&[Way::Tcp, Way::Unix, Way::Unix, Way::Web])
     }
 
     fn nodes(&mut self) -> Vec<(u16, Role)> {
@@ -105,7 +138,7 @@ impl Draw {
         for number in 3..5 + self.below(4) as u16 {
             let role = match self.below(10) {
                 8 | 9 => Role::Talker,
-                0..3 => Role::Satellite(self.way()),
+                0..3 => Role::Satellite(self.any_way()),
                 3..6 => Role::Plain(self.way()),
                 6 => Role::Inside {
                     thread: self.one_in(2),
@@ -117,19 +150,41 @@ impl Draw {
             nodes.push((number, role));
         }
         if self.one_in(4) {
-            let first = nodes.len() as u16;
-            for number in first..first + 1 + self.below(3) as u16 {
-                nodes.push((number, Role::Scribe(self.way())));
+            for _ in 0..1 + self.below(3) {
+                let way = self.any_way();
+                add(&mut nodes, Role::Scribe(way));
+            }
+        }
+        if self.one_in(4) {
+            let way = self.way();
+            add(&mut nodes, Role::Poller(way));
+        }
+        if self.one_in(5) {
+            for _ in 0..1 + self.below(2) {
+                let way = self.any_way();
+                add(&mut nodes, Role::Filer(way));
+            }
+        }
+        if self.one_in(4) {
+            add(&mut nodes, Role::Follower);
+        }
+        if self.one_in(8) {
+            let hub = nodes.len() as u16;
+            add(&mut nodes, Role::OtherHub);
+            for _ in 0..1 + self.below(3) {
+                let way = self.any_way();
+                add(&mut nodes, Role::Guest(way, hub));
             }
         }
         nodes
     }
 
-    fn kinds(&mut self, with_scribes: bool) -> Vec<Kind> {
+    fn kinds(&mut self, nodes: &[(u16, Role)]) -> Vec<Kind> {
         let sometimes = [
             Kind::LargeBursts,
             Kind::Replicas,
             Kind::Clocks,
+            Kind::Datagrams,
             Kind::Aborts,
             Kind::Churn,
             Kind::Slowness,
@@ -143,7 +198,7 @@ impl Draw {
         let mut kinds =
             vec![Kind::Channels, Kind::Subscriptions, Kind::Subscriptions, Kind::Bursts, Kind::Bursts];
         kinds.extend(sometimes.into_iter().filter(|_| self.one_in(2)));
-        if with_scribes {
+        if nodes.iter().any(|(_, role)| is_scribe(*role)) {
             kinds.extend([Kind::Changes; 6]);
             let sometimes = [Kind::DiskFaults, Kind::Rot, Kind::HubDeaths];
             kinds.extend(sometimes.into_iter().filter(|_| self.one_in(3)));
@@ -151,21 +206,34 @@ impl Draw {
         if self.one_in(8) {
             kinds.push(Kind::HubDeaths);
         }
+        if nodes.iter().any(|(_, role)| *role == Role::OtherHub) {
+            kinds.extend([Kind::Strays; 2]);
+        }
+        if nodes.iter().any(|(_, role)| is_filer(*role)) {
+            kinds.extend([Kind::Files; 5]);
+            let sometimes = [Kind::DiskFaults, Kind::HubDeaths];
+            kinds.extend(sometimes.into_iter().filter(|_| self.one_in(3)));
+        }
+        if nodes.iter().any(|(_, role)| is_poller(*role)) {
+            kinds.extend([Kind::Looks; 3]);
+        }
         kinds
     }
 
     /// Most have something to say and somebody to hear from the start.
     fn beginnings(&mut self, steps: &mut Vec<Step>, actors: &[(u16, Role)]) {
-        for &(node, _) in actors.iter().filter(|(_, role)| *role == Role::Talker) {
+        for node in those(actors, |role| role == Role::Talker) {
             self.serve(steps, node);
         }
-        for &(node, _) in actors.iter().filter(|(_, role)| matches!(role, Role::Scribe(_))) {
+        for node in those(actors, is_scribe) {
             for _ in 0..1 + self.below(3) {
                 let at_us = 25_000 + self.below(20_000);
                 self.keep(steps, at_us, node, actors);
             }
         }
-        let speaks = |role: &Role| !matches!(role, Role::Wild | Role::Talker | Role::Scribe(_));
+        let speaks = |role: &Role| {
+            matches!(role, Role::Satellite(_) | Role::Guest(..) | Role::Plain(_) | Role::Inside { .. })
+        };
         for &(node, role) in actors.iter().filter(|(_, role)| speaks(role)) {
             let at_us = 25_000 + self.below(10_000);
             for channel in 0..self.below(CHANNELS) as u8 {
@@ -173,7 +241,7 @@ impl Draw {
             }
             for _ in 0..self.below(4) {
                 let at_us = 25_000 + self.below(20_000);
-                self.step(steps, at_us, (node, role), Kind::Subscriptions, actors);
+                self.step(steps, at_us, (node, role), (Kind::Subscriptions, &[]), actors);
             }
         }
     }
@@ -183,7 +251,7 @@ impl Draw {
         steps: &mut Vec<Step>,
         at_us: u64,
         (node, role): (u16, Role),
-        kind: Kind,
+        (kind, kinds): (Kind, &[Kind]),
         actors: &[(u16, Role)],
     ) {
         let mut add = |at_us, node, action| steps.push(Step { at_us, node, action });
@@ -200,15 +268,30 @@ impl Draw {
         {
             return self.talk(steps, at_us, node, actors);
         }
+        if role == Role::Follower {
+            return self.follow(steps, at_us, node);
+        }
         match kind {
+            Kind::Files => {
+                let node = self.one_of(&those(actors, is_filer));
+                return self.file(steps, at_us, node, (kinds, actors));
+            }
+            kind if is_filer(role) && !kind.is_of_world() => {
+                return self.file(steps, at_us, node, (kinds, actors));
+            }
+            Kind::Looks => {
+                let node = self.one_of(&those(actors, is_poller));
+                return self.look(steps, at_us, node, actors);
+            }
+            kind if is_poller(role) && !kind.is_of_world() => return self.look(steps, at_us, node, actors),
+            Kind::Strays => return self.stray(steps, at_us, actors),
             Kind::DiskFaults => return self.spoil_disk(steps, at_us),
             Kind::Rot => return self.rot(steps, at_us),
             Kind::Changes => {
-                let scribes: Vec<u16> = scribes_of(actors).collect();
-                let node = scribes[self.below(scribes.len() as u64) as usize];
+                let node = self.one_of(&those(actors, is_scribe));
                 return self.keep(steps, at_us, node, actors);
             }
-            kind if matches!(role, Role::Scribe(_)) && !kind.is_of_world() => {
+            kind if is_scribe(role) && !kind.is_of_world() => {
                 return self.keep(steps, at_us, node, actors);
             }
             _ => {}
@@ -222,7 +305,7 @@ impl Draw {
             Kind::Subscriptions if self.one_in(5) => add(at_us, node, Action::Unhear(other, channel)),
             Kind::Subscriptions => {
                 let depth = [0, 1, 3, 1024][self.below(4) as usize];
-                if matches!(role, Role::Satellite(_)) && self.one_in(4) {
+                if matches!(role, Role::Satellite(_) | Role::Guest(..)) && self.one_in(4) {
                     return add(at_us, node, Action::HearAll(other, channel, depth));
                 }
                 add(at_us, node, Action::Hear(other, channel, depth));
@@ -241,6 +324,17 @@ impl Draw {
                     _ => Action::Follow(other, divisor),
                 };
                 add(at_us, node, action);
+            }
+            Kind::Datagrams => {
+                add(at_us, node, Action::ByUdp(channel));
+                let rate = |draw: &mut Draw| if draw.one_in(2) { draw.below(300) as u16 } else { 0 };
+                let (loss, twice, jitter) = (rate(self), rate(self), self.below(20_000) as u32);
+                add(at_us, node, Action::Lossy(loss, twice, jitter));
+                for _ in 0..1 + self.below(4) {
+                    let (count, bytes) = (1 + self.below(8) as u16, 30 + self.below(4000) as u32);
+                    add(at_us + self.below(40_000), node, Action::Burst(channel, count, bytes));
+                }
+                add(later, node, Action::Mend);
             }
             Kind::Bursts => {
                 add(
@@ -272,7 +366,13 @@ impl Draw {
                 add(at_us, node, Action::Slow(1 + self.below(400) as u32));
                 add(later, node, Action::Slow(0));
             }
-            Kind::Wildness | Kind::Changes | Kind::DiskFaults | Kind::Rot => {}
+            Kind::Wildness
+            | Kind::Changes
+            | Kind::DiskFaults
+            | Kind::Rot
+            | Kind::Strays
+            | Kind::Looks
+            | Kind::Files => {}
             Kind::Lateness => {
                 let piece = [0, 3, 50, 1400][self.below(4) as usize];
                 let (delay, jitter) = (self.below(100_000), self.below(50_000));
@@ -300,11 +400,11 @@ impl Draw {
     }
 
     fn keep(&mut self, steps: &mut Vec<Step>, at_us: u64, node: u16, actors: &[(u16, Role)]) {
-        let scribes: Vec<u16> = scribes_of(actors).collect();
+        let scribes = those(actors, is_scribe);
         let action = match self.below(8) {
             0 | 1 => Action::Save,
             2 => Action::Load,
-            3 => Action::Watch(scribes[self.below(scribes.len() as u64) as usize]),
+            3 => Action::Watch(self.one_of(&scribes)),
             _ => Action::Write(1 + self.below(12) as u16),
         };
         steps.push(Step { at_us, node, action });
@@ -332,18 +432,87 @@ impl Draw {
     }
 
     fn talk(&mut self, steps: &mut Vec<Step>, at_us: u64, node: u16, actors: &[(u16, Role)]) {
-        let talkers: Vec<u16> = actors
-            .iter()
-            .filter(|(_, role)| *role == Role::Talker)
-            .map(|(number, _)| *number)
-            .collect();
-        let other = talkers[self.below(talkers.len() as u64) as usize];
+        let other = self.one_of(&those(actors, |role| role == Role::Talker));
         let action = match self.below(8) {
             0 | 1 => Action::Serve,
             2 => Action::Unserve,
             _ => Action::Call(other, 1 + self.below(4) as u16, self.below(9000) as u32),
         };
         steps.push(Step { at_us, node, action });
+    }
+
+    /// A follower is late, asks for other ticks, or keeps up again.
+    fn follow(&mut self, steps: &mut Vec<Step>, at_us: u64, node: u16) {
+        let action = match self.below(6) {
+            0 => Action::Follow(SPEAKER, self.one_of(&[0, 1, 2, 4])),
+            1 => Action::Late(0),
+            2 => Action::Late(FOR_EVER_US),
+            // Never as long as anything else in a run: who was first at the hub is known then.
+            _ => Action::Late(10 * self.below(9_000) as u32 + 3),
+        };
+        steps.push(Step { at_us, node, action });
+    }
+
+    /// Looks at a channel twice and more: the first time it is only asked for, and the others come by and by.
+    fn look(&mut self, steps: &mut Vec<Step>, at_us: u64, node: u16, actors: &[(u16, Role)]) {
+        let (other, channel) = (self.one_of(actors).0, self.below(CHANNELS) as u8);
+        if self.one_in(8) {
+            return steps.push(Step { at_us, node, action: Action::PollNoMore(other, channel) });
+        }
+        let mut at_us = at_us;
+        for _ in 0..2 + self.below(6) {
+            steps.push(Step { at_us, node, action: Action::Poll(other, channel) });
+            at_us += self.below(60_000);
+        }
+    }
+
+    /// Files are put, moved, removed and looked at; sometimes one end of an upload dies while it is under way.
+    fn file(
+        &mut self,
+        steps: &mut Vec<Step>,
+        at_us: u64,
+        node: u16,
+        (kinds, actors): (&[Kind], &[(u16, Role)]),
+    ) {
+        let (one, other) = (self.below(6) as u8, self.below(6) as u8);
+        let whose = self.one_of(&those(actors, is_filer));
+        let action = match self.below(10) {
+            0 => Action::MakeFolder,
+            1 => Action::Shift(one, other),
+            2 => Action::Drop(one),
+            3 => Action::Browse(whose),
+            4 | 5 => Action::Fetch(whose, one),
+            _ => {
+                let most = self.one_of(&[300, 9_000, 150_000, 700_000]);
+                let (version, bytes) = (self.below(4) as u16, self.below(most) as u32);
+                let dies = self.one_of(&[0, node]);
+                let may_die = kinds.contains(&if dies == 0 { Kind::HubDeaths } else { Kind::Deaths });
+                if may_die && self.one_in(2) {
+                    let within = 100 << self.below(7);
+                    let dies_us = at_us + self.below(within);
+                    self.death(steps, dies_us, dies);
+                    // The same again, so that it can go on.
+                    let at_us = at_us + 600_000;
+                    steps.push(Step { at_us, node, action: Action::Put(one, version, bytes) });
+                }
+                Action::Put(one, version, bytes)
+            }
+        };
+        steps.push(Step { at_us, node, action });
+    }
+
+    /// A satellite mistakes one hub for another for a while; sometimes the other one dies.
+    fn stray(&mut self, steps: &mut Vec<Step>, at_us: u64, actors: &[(u16, Role)]) {
+        let strays = those(actors, |role| matches!(role, Role::Satellite(_) | Role::Guest(..)));
+        let node = self.one_of(&strays);
+        let hub = actors.iter().map(|(_, role)| role.hub()).max().unwrap_or(0);
+        if self.one_in(4) {
+            return self.death(steps, at_us, hub);
+        }
+        let after = at_us + 1000 + self.below(900_000);
+        for (at_us, action) in [(at_us, Action::Stray), (after, Action::Home)] {
+            steps.push(Step { at_us, node, action });
+        }
     }
 
     /// Servers serve from the start.

@@ -2,69 +2,21 @@
 //!
 //! A run is one thread, and so is its ledger: actors on any loop of the run write into the same one.
 
-use crate::archive::Archive;
+use crate::archive::{Archive, OnDisk, Place};
+use crate::channels::is_latched;
+use crate::files::Files;
+use crate::identity::Identity;
+use crate::latest::Latest;
+use crate::rule::{Complaint, Rule};
 use crate::stamp::{Origin, Stamp, channel_name};
 use sk_core::flow::{ChannelRef, RefusalCode};
 use sk_flat::Instant;
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
-use std::fmt;
 use std::time::Duration;
 
 /// How late a message of the undisturbed pair may be.
 const BYSTANDER_LATENESS_MAX: Duration = Duration::from_millis(5);
-
-/// What must hold, whatever happens.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Rule {
-    /// Offered = delivered + dropped + queued, and what was delivered was received.
-    Books,
-    /// What arrives was published on that very channel, whole.
-    Delivery,
-    /// It arrives in the order of publishing, and once.
-    Order,
-    /// The undisturbed pair loses nothing and waits for nobody.
-    Bystander,
-    /// Whoever has gone leaves nothing behind.
-    Reaped,
-    /// Whoever is honest finds his channels and subscriptions again.
-    Restored,
-    /// Nobody does what he has no right to.
-    Rights,
-    /// An honest client is never killed as spurious, and an honest hub is understood.
-    Honest,
-    /// Of what the hub said to be kept nothing is lost, and nothing is found that was not written so.
-    Kept,
-    /// Who watches a database knows what is in it.
-    Watched,
-    /// What is reliable is not dropped, and who must not miss any misses none.
-    Policies,
-    /// Every call has exactly one end, and the answer of its own request.
-    Services,
-    /// Nothing panics.
-    Panic,
-    /// No loop goes round and round while time stands still.
-    Livelock,
-    /// A hub that is asked to end ends.
-    Ended,
-}
-
-/// A rule that was broken: the first of a run.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Complaint {
-    /// Which.
-    pub rule: Rule,
-    /// How.
-    pub text: String,
-    /// When, in virtual time.
-    pub at: Instant,
-}
-
-impl fmt::Display for Complaint {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:?} at {:.3} ms: {}", self.rule, self.at.as_nanos() as f64 / 1e6, self.text)
-    }
-}
 
 /// What a receiver has of one subscription.
 #[derive(Clone, Copy, Debug, Default)]
@@ -100,12 +52,16 @@ pub(crate) struct Ledger {
     published: BTreeMap<Origin, u64>,
     /// The last sequence that each life of a node heard of each origin, by its own channel or by one that repeats it.
     heard: BTreeMap<((u16, u16), String, Origin), u64>,
-    /// By connection and channel.
-    pub(crate) received: BTreeMap<(u64, ChannelRef), Received>,
+    /// By hub, connection and channel.
+    pub(crate) received: BTreeMap<(u16, u64, ChannelRef), Received>,
+    /// Which hub each life of a node called.
+    hubs: BTreeMap<(u16, u16), u16>,
     pub(crate) may_not_hear: BTreeSet<u16>,
     pub(crate) may_not_publish: BTreeSet<u16>,
     /// Names of channels that repeated another one at some time, each with that one's.
     pub(crate) repeats: BTreeSet<(String, String)>,
+    /// Names of channels that were published by datagrams at some time.
+    pub(crate) by_udp: BTreeSet<String>,
     /// Subscriptions of nodes by the channels' names: whether they must not miss any message, and never were otherwise.
     pub(crate) hears_all: BTreeMap<(u16, String), bool>,
     /// The undisturbed pair: who listens and who speaks; nobody once the hub itself was disturbed.
@@ -117,8 +73,12 @@ pub(crate) struct Ledger {
     /// How many connections sent what may be called spurious.
     pub(crate) wild_sent: u64,
     calls: BTreeMap<CallKey, CallState>,
+    /// The newest messages that were heard.
+    pub(crate) latest: Latest,
     /// What is in the databases.
     pub(crate) archive: Archive,
+    /// What is in blob channels.
+    pub(crate) files: Files,
     pub(crate) messages_published: u64,
     pub(crate) messages_heard: u64,
     pub(crate) now: Instant,
@@ -184,14 +144,46 @@ impl Ledger {
         }
     }
 
+    /// A life of a node begins.
+    pub(crate) fn begins(&mut self, who: Identity) {
+        self.hubs.insert((who.node, who.life), who.hub);
+    }
+
     /// A connection was let in. A hub that was started anew gives out the ids of its predecessor again.
-    pub(crate) fn was_let_in(&mut self, connection: u64) {
-        self.received.retain(|(known, _), _| *known != connection);
+    pub(crate) fn was_let_in(&mut self, who: Identity, connection: u64) {
+        self.note(&[4, who.node.into(), connection, self.now.as_nanos()]);
+        self.received
+            .retain(|(hub, known, _), _| (*hub, *known) != (who.hub, connection));
+        if !who.invited {
+            let text = format!("n{} was let in by a hub whose token it does not have", who.node);
+            self.complain(Rule::Rights, text);
+        }
     }
 
     /// A subscription was given up: the next one of the same connection has a book of its own.
-    pub(crate) fn gave_up(&mut self, connection: u64, reference: ChannelRef) {
-        self.received.entry((connection, reference)).or_default().muddled = true;
+    pub(crate) fn gave_up(&mut self, who: Identity, connection: u64, reference: ChannelRef) {
+        let book = (who.hub, connection, reference);
+        self.received.entry(book).or_default().muddled = true;
+    }
+
+    /// A hub ends: the next one numbers its connections anew.
+    pub(crate) fn hub_ends(&mut self, hub: u16) {
+        self.received.retain(|(of, ..), _| *of != hub);
+        self.latest.hub_ends(hub);
+    }
+
+    /// A hub begins and has opened its store.
+    pub(crate) fn hub_found(&mut self, on_disk: &OnDisk, damage: Option<&str>) {
+        for text in self.archive.hub_found(on_disk, damage) {
+            self.complain(Rule::Kept, text);
+        }
+    }
+
+    /// A variable was read from a running hub, or a watch told it.
+    pub(crate) fn was_read(&mut self, place: &Place, text: &str) {
+        if let Some(text) = Archive::wrong_value(place, text) {
+            self.complain(Rule::Kept, text);
+        }
     }
 
     /// A call was made.
@@ -237,42 +229,101 @@ impl Ledger {
     /// A message arrived.
     pub(crate) fn was_heard(
         &mut self,
-        (node, life): (u16, u16),
+        who: Identity,
         connection: u64,
         (name, reference): (&str, ChannelRef),
         payload: &[u8],
     ) {
+        let Identity { node, life, hub, .. } = who;
         self.messages_heard += 1;
-        self.received.entry((connection, reference)).or_default().count += 1;
+        self.received.entry((hub, connection, reference)).or_default().count += 1;
         self.note(&[3, node.into(), reference.id as u64, payload.len() as u64, self.now.as_nanos()]);
         if self.may_not_hear.contains(&node) {
             self.complain(Rule::Rights, format!("n{node} heard {name} without the right to"));
         }
-        let Some(stamp) = Stamp::of(payload) else {
-            let text = format!("n{node} heard {} bytes on {name} that nobody published so", payload.len());
-            return self.complain(Rule::Delivery, text);
+        let stamp = match self.stamp_of(who, (name, reference), payload) {
+            Ok(stamp) => stamp,
+            Err(text) => return self.complain(Rule::Delivery, text),
         };
         let origin = stamp.origin;
-        let published_as = channel_name(origin.node, origin.channel);
-        let direct = published_as == name;
-        if direct && stamp.reference != reference || !direct && !self.may_repeat(name, &published_as) {
-            let text = format!("n{node} heard on {name} {reference} what was published as {stamp:?}");
-            return self.complain(Rule::Delivery, text);
-        }
-        if stamp.sequence >= self.published_by(origin) {
-            let text = format!("n{node} heard message {} of {name}, which was not published", stamp.sequence);
-            return self.complain(Rule::Delivery, text);
-        }
         let before = self.heard.insert(((node, life), name.to_owned(), origin), stamp.sequence);
+        // What is kept for those who come later is told to whoever begins to listen, or when its owner comes back.
+        let again = is_latched(origin.node, origin.channel);
         if let Some(last) = before
-            && stamp.sequence <= last
+            && (stamp.sequence < last || stamp.sequence == last && !again)
         {
             let text = format!("n{node} heard message {} of {name} after message {last}", stamp.sequence);
             self.complain(Rule::Order, text);
         }
+        if channel_name(origin.node, origin.channel) == name {
+            self.latest.was_heard(hub, reference, &stamp);
+        }
         if self.pair == Some((node, origin.node)) {
             self.check_pair(&stamp, before);
         }
+    }
+
+    /// The stamp of something that came from a hub as a message of that channel.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    fn stamp_of(
+        &self,
+        Identity { node, hub, .. }: Identity,
+        (name, reference): (&str, ChannelRef),
+        payload: &[u8],
+    ) -> Result<Stamp, String> {
+        let stamp = Stamp::of(payload);
+        let stamp = stamp.ok_or_else(|| {
+            format!("n{node} heard {} bytes on {name} that nobody published so", payload.len())
+        })?;
+        let origin = stamp.origin;
+        if self.hubs.get(&(origin.node, origin.life)) != Some(&hub) {
+            return Err(format!("n{node} heard from hub {hub} what n{} told another one", origin.node));
+        }
+        let published_as = channel_name(origin.node, origin.channel);
+        let direct = published_as == name;
+        // The last message for those who come later may be older than the channel that it comes from now.
+        let other = stamp.reference != reference && !is_latched(origin.node, origin.channel);
+        if direct && other || !direct && !self.may_repeat(name, &published_as) {
+            return Err(format!("n{node} heard on {name} {reference} what was published as {stamp:?}"));
+        }
+        if stamp.sequence >= self.published_by(origin) {
+            let text = format!("n{node} heard message {} of {name}, which was not published", stamp.sequence);
+            return Err(text);
+        }
+        Ok(stamp)
+    }
+
+    /// Somebody asked for the newest message of a channel, and this came: nothing older than `floor`.
+    pub(crate) fn was_polled(
+        &mut self,
+        who: Identity,
+        channel: (&str, ChannelRef),
+        payload: &[u8],
+        floor: Option<(Origin, u64)>,
+    ) -> Option<(Origin, u64)> {
+        self.messages_heard += 1;
+        self.note(&[15, who.node.into(), payload.len() as u64, self.now.as_nanos()]);
+        let stamp = match self.stamp_of(who, channel, payload) {
+            Ok(stamp) => stamp,
+            Err(text) => {
+                self.complain(Rule::Latest, text);
+                return None;
+            }
+        };
+        if let Some((origin, sequence)) = floor
+            && origin == stamp.origin
+            && stamp.sequence < sequence
+        {
+            let (node, name) = (who.node, channel.0);
+            let text = format!(
+                "n{node} was told message {} of {name}, after message {sequence} was out",
+                stamp.sequence
+            );
+            self.complain(Rule::Latest, text);
+        }
+        Some((stamp.origin, stamp.sequence))
     }
 
     /// Whether a channel repeated that other one at some time, or one that repeated it.
@@ -299,6 +350,12 @@ impl Ledger {
             let text = format!("message {} was {late:?} under way", stamp.sequence);
             self.complain(Rule::Bystander, text);
         }
+    }
+
+    /// The life of a node that began last.
+    pub(crate) fn life_of(&self, node: u16) -> u16 {
+        let lives = self.hubs.range((node, 0)..=(node, u16::MAX));
+        lives.last().map_or(0, |((_, life), _)| *life)
     }
 
     /// The last message of an origin that a node's life heard.

@@ -2,7 +2,7 @@
 //! virtual clock and one seed, over a network, disks and machines that fail.
 //!
 //! - [`generate`] makes a [`Script`](script::Script) from a seed: who takes part, and what happens when;
-//! - [`run`](run::run) runs a script and judges it by the [rules](ledger::Rule);
+//! - [`run`](run::run) runs a script and judges it by the [rules](rule::Rule);
 //! - [`shrink`](shrink::shrink) deletes from a script that breaks a rule what is not needed for it.
 //!
 //! ```
@@ -17,14 +17,25 @@
 
 pub mod action;
 mod actors;
+mod address;
 mod archive;
+mod channels;
 mod checks;
+mod files;
 pub mod generate;
-pub mod ledger;
+mod identity;
+mod latest;
+mod ledger;
+mod lives;
 pub mod log;
 mod look;
+mod pace;
+mod parts;
+pub mod rule;
 pub mod run;
 pub mod script;
 pub mod shrink;
 pub mod stamp;
 mod start;
+mod wishes;
+mod words;

@@ -1,17 +1,15 @@
 //! Runs a script and judges what it sees.
 
 use crate::action::Action;
-use crate::actors::{Identity, Member, Plain, SERVICE, Scribe, Talker, Wild};
-use crate::ledger::{self, Complaint, Rule};
+use crate::files::PATHS;
+use crate::ledger;
+use crate::parts::{Actor, Parts};
+use crate::rule::{Complaint, Rule};
 use crate::script::{Role, Script, Step};
-use crate::start::{HubEnd, HubStart, STORE, start_actor};
+use crate::start::{HubEnd, HubStart, STORE, is_narrow};
 use crate::{checks, log};
-use sk_core::flow::{Right, Rights, SkFlowSat, SkFlowServer};
 use sk_core::prelude::*;
-use sk_core::testing::{Node, Simulation};
-use sk_core::world::{Clock, Death, DiskFaults, LinkFaults, SimulatedRng, SimulatedWorld, Storage};
-use std::collections::{BTreeMap, BTreeSet};
-use std::ops::Range;
+use sk_core::world::{Clock, Death, DiskFaults, LinkFaults, SimulatedRng, Storage};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// The stream of what the runner itself leaves to chance.
@@ -20,8 +18,6 @@ const CHANCES_STREAM: u64 = 1 << 48;
 const DISK_STREAM: u64 = 1 << 47;
 /// How often the rules are looked at.
 const CHECKS_EVERY: Duration = Duration::from_millis(100);
-/// How long a loop without news waits; long, because simulated rounds cost real time.
-const INTERVAL: Duration = Duration::from_millis(250);
 /// After the script: how long everybody has to find the hub again, by the longest wait before a reconnection, a login
 /// that finds nobody, a predecessor that is taken for alive, and some more.
 const CALM: Duration = Duration::from_secs(16);
@@ -31,14 +27,6 @@ const LAST_WORDS: Duration = Duration::from_secs(2);
 const REAPING: Duration = Duration::from_secs(8);
 /// How long a hub has to end.
 const ENDING: Duration = Duration::from_secs(4);
-/// The first identifier of a channel that a flow may have.
-const CHANNEL_ID_FIRST: u16 = 1024;
-
-/// Stands for a node's sync channel beside the numbers of its others.
-const CLOCK: u8 = 255;
-/// Identifiers of channels in runs that have too few.
-const CHANNELS_OF_NARROW_RUNS: usize = 3;
-
 /// What became of a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Outcome {
@@ -62,7 +50,7 @@ pub fn run(script: &Script) -> Outcome {
     // What panics inside a loop is caught there and counted; this is for what panics around it.
     let played = catch_unwind(AssertUnwindSafe(|| run.play()));
     let complaint = played.unwrap_or_else(|_| {
-        let at = run.simulation.clock().now();
+        let at = run.parts.simulation.clock().now();
         Err(Complaint { rule: Rule::Panic, text: log::last_panic(), at })
     });
     let complaint = complaint.err();
@@ -70,62 +58,30 @@ pub fn run(script: &Script) -> Outcome {
         ledger::with(|ledger| (ledger.messages_published, ledger.messages_heard, ledger.trace()));
     Outcome {
         complaint,
-        hash: run.simulation.trace_hash() ^ trace.rotate_left(1),
-        virtual_time: run.simulation.clock().now().since(Instant::ZERO),
+        hash: run.parts.simulation.trace_hash() ^ trace.rotate_left(1),
+        virtual_time: run.parts.simulation.clock().now().since(Instant::ZERO),
         published,
         heard,
     }
 }
 
-/// Who acts on a node.
-#[derive(Clone, Copy)]
-pub(crate) enum Actor {
-    Hub(Handle<SkFlowServer>),
-    Member(Handle<Member>),
-    Plain(Handle<Plain>),
-    Talker(Handle<Talker>),
-    Wild(Handle<Wild>),
-    Scribe(Handle<Scribe>),
-}
-
-/// One that takes part.
-pub(crate) struct Part {
-    pub(crate) role: Role,
-    pub(crate) life: u16,
-    machine: SimulatedWorld,
-    /// Its process, if it runs and is not the hub's.
-    pub(crate) node: Option<Node>,
-    pub(crate) actor: Option<Actor>,
-    /// Of one inside the hub, on a thread of its own.
-    pub(crate) thread: Option<(SkThread, Remote<Member>)>,
-}
-
-pub(crate) struct Run<'a> {
+struct Run<'a> {
     script: &'a Script,
-    pub(crate) simulation: Simulation,
+    hub_start: HubStart,
     chances: SimulatedRng,
-    pub(crate) parts: BTreeMap<u16, Part>,
+    parts: Parts,
 }
 
 impl<'a> Run<'a> {
     fn new(script: &'a Script) -> Run<'a> {
-        let simulation = Simulation::new(script.seed);
-        let chances = simulation.world().rng(CHANCES_STREAM);
-        let parts = script.nodes.iter().map(|&(number, role)| {
-            let machine = match role {
-                Role::Hub | Role::Inside { .. } => simulation.world().clone(),
-                _ => simulation.world().machine(),
-            };
-            (number, Part { role, life: 0, machine, node: None, actor: None, thread: None })
-        });
-        let parts = parts.collect();
-        Run { script, simulation, chances, parts }
+        let parts = Parts::new(script);
+        let chances = parts.simulation.world().rng(CHANCES_STREAM);
+        Run { script, hub_start: HubStart::of(script), chances, parts }
     }
 
     fn play(&mut self) -> Result<(), Complaint> {
         self.begin_ledger();
-        let numbers: Vec<u16> = self.parts.keys().copied().collect();
-        numbers.iter().for_each(|number| self.start(*number));
+        self.start_all();
         self.go_on(Duration::from_millis(20))?;
         self.begin_pair();
         for Step { at_us, node, action } in &self.script.steps {
@@ -141,8 +97,8 @@ impl<'a> Run<'a> {
     fn begin_ledger(&self) {
         let mut pair = (None, None);
         ledger::with(|ledger| {
-            ledger.narrow = self.is_narrow();
-            for (number, part) in &self.parts {
+            ledger.narrow = is_narrow(self.script);
+            for (number, part) in &self.parts.all {
                 match part.role {
                     Role::Listener => pair.0 = Some(*number),
                     Role::Speaker => pair.1 = Some(*number),
@@ -163,22 +119,32 @@ impl<'a> Run<'a> {
 
     fn begin_pair(&mut self) {
         let pair = ledger::with(|ledger| ledger.pair);
-        if let Some((listener, speaker)) = pair {
-            self.act(speaker, Action::Open(0));
-            self.act(listener, Action::Hear(speaker, 0, 0));
+        let Some((listener, speaker)) = pair else { return };
+        self.act(speaker, Action::Open(0));
+        self.act(listener, Action::Hear(speaker, 0, 0));
+        let followers = self.parts.with_role(|role| role == Role::Follower);
+        if !followers.is_empty() {
+            self.act(speaker, Action::Tick);
         }
+        followers
+            .into_iter()
+            .for_each(|number| self.act(number, Action::Follow(speaker, 1)));
     }
 
     // ---- time ----
 
+    fn now(&self) -> Instant {
+        self.parts.simulation.clock().now()
+    }
+
     fn go_on(&mut self, span: Duration) -> Result<(), Complaint> {
-        self.go_to(self.simulation.clock().now() + span)
+        self.go_to(self.now() + span)
     }
 
     fn go_to(&mut self, until: Instant) -> Result<(), Complaint> {
         loop {
-            let next = (self.simulation.clock().now() + CHECKS_EVERY).min(until);
-            let went = self.simulation.run_until(next);
+            let next = (self.now() + CHECKS_EVERY).min(until);
+            let went = self.parts.simulation.run_until(next);
             ledger::with(|ledger| {
                 ledger.now = next;
                 if let Err(livelock) = went {
@@ -193,170 +159,45 @@ impl<'a> Run<'a> {
     }
 
     fn judge(&mut self) -> Result<(), Complaint> {
-        checks::always(self);
+        checks::always(&self.parts);
         ledger::with(|ledger| ledger.complaint.clone()).map_or(Ok(()), Err)
     }
 
     // ---- who takes part ----
 
     fn start(&mut self, number: u16) {
-        let keeps = self.script.nodes.iter().any(|(_, role)| matches!(role, Role::Scribe(_)));
-        let hub = HubStart { ids: self.channel_ids(), keeps };
-        let Some(part) = self.parts.get_mut(&number) else { return };
-        if part.actor.is_some() || part.thread.is_some() {
-            return;
-        }
-        let who = Identity { node: number, life: part.life };
-        if let Role::Inside { .. } = part.role {
-            return self.start_inside(who);
-        }
-        let role = part.role;
-        let name = format!("n{number}");
-        let node = self.simulation.node(&part.machine, &name, |settings| {
-            settings.mode = TimingMode::SelectIo;
-            settings.interval = INTERVAL;
-            settings.slow_interval = INTERVAL;
-        });
-        let actor = node.with(|cx| start_actor(cx, who, role, &hub));
-        if actor.is_none() {
-            // It could not begin; it may be started again.
-            part.machine = node.quit();
-            return;
-        }
-        part.node = Some(node);
-        part.actor = actor;
-        if role == Role::Hub {
-            let insiders: Vec<u16> = self.insiders().collect();
-            insiders.into_iter().for_each(|number| self.start(number));
-        }
+        self.parts.start(number, &self.hub_start);
     }
 
-    /// In some runs there are fewer identifiers than channels that somebody wants, so that each is used again and again.
-    fn is_narrow(&self) -> bool {
-        self.script.seed.is_multiple_of(4)
+    fn start_all(&mut self) {
+        self.parts.numbers().into_iter().for_each(|number| self.start(number));
     }
 
-    /// The identifiers of channels: just enough for all that are wanted at once, so that they are used again soon.
-    fn channel_ids(&self) -> Range<u16> {
-        let mut wanted = BTreeSet::new();
-        for Step { node, action, .. } in &self.script.steps {
-            match action {
-                Action::Open(channel) => _ = wanted.insert((*node, *channel)),
-                Action::Tick => _ = wanted.insert((*node, CLOCK)),
-                Action::Serve => _ = wanted.insert((*node, SERVICE)),
-                _ => {}
-            }
-        }
-        let most = if self.is_narrow() { CHANNELS_OF_NARROW_RUNS } else { usize::MAX };
-        let count = wanted.len().min(most) as u16;
-        // One for the undisturbed pair.
-        CHANNEL_ID_FIRST..CHANNEL_ID_FIRST + 1 + count
-    }
-
-    fn insiders(&self) -> impl Iterator<Item = u16> + '_ {
-        let inside = |part: &Part| matches!(part.role, Role::Inside { .. });
-        self.parts
-            .iter()
-            .filter(move |(_, part)| inside(part))
-            .map(|(number, _)| *number)
-    }
-
-    /// The hub's process and its server, while it runs.
-    pub(crate) fn hub(&self) -> Option<(&Node, Handle<SkFlowServer>)> {
-        let part = self.parts.get(&0)?;
-        match (&part.node, part.actor) {
-            (Some(node), Some(Actor::Hub(server))) => Some((node, server)),
-            _ => None,
-        }
-    }
-
-    fn start_inside(&mut self, who: Identity) {
-        let Some(&Role::Inside { thread, publish, subscribe }) = self.parts.get(&who.node).map(|p| &p.role)
-        else {
-            return;
-        };
-        let Some((node, server)) = self.hub() else { return };
-        let mut rights = Rights::NONE;
-        if publish {
-            rights = rights.with(Right::Publish);
-        }
-        if subscribe {
-            rights = rights.with(Right::Subscribe);
-        }
-        let started = node.with(|cx| {
-            let seed = server.pipe(cx, rights).ok()?;
-            if !thread {
-                let hub = SkFlowSat::inside(cx, seed);
-                return Some((Some(Actor::Member(Member::start(cx, who, hub))), None));
-            }
-            let thread = SkThread::new("inside")
-                .mode(TimingMode::SelectIo)
-                .interval(INTERVAL)
-                .start(cx)
-                .ok()?;
-            let remote = thread.build(move |cx| {
-                let hub = SkFlowSat::inside(cx, seed);
-                let member = Member::start(cx, who, hub);
-                cx.remote(member)
-            });
-            let remote = remote.ok()?;
-            Some((None, Some((thread, remote))))
-        });
-        if let (Some((actor, thread)), Some(part)) = (started, self.parts.get_mut(&who.node)) {
-            part.actor = actor;
-            part.thread = thread;
-        }
-    }
-
-    /// The process of a node; of one inside the hub, the hub's.
-    pub(crate) fn node_of(&self, number: u16) -> Option<&Node> {
-        let part = self.parts.get(&number)?;
-        match part.role {
-            Role::Inside { .. } => self.hub().map(|(node, _)| node),
-            _ => part.node.as_ref(),
-        }
-    }
-
-    /// Ends a node's process; answers whether one was running.
     fn end(&mut self, number: u16, death: Option<Death>) {
-        if self.parts.get(&number).is_none_or(|part| part.node.is_none()) {
+        self.parts.end(number, death, &mut self.chances);
+    }
+
+    /// A satellite calls another hub than its own from now on, or its own again.
+    fn stray(&mut self, number: u16, astray: bool) {
+        let hubs = self.parts.hubs();
+        let Some(part) = self.parts.all.get_mut(&number) else { return };
+        let is_one = matches!(part.role, Role::Satellite(_) | Role::Guest(..));
+        let other = hubs.into_iter().find(|hub| *hub != part.role.hub()).filter(|_| astray);
+        if !is_one || other == part.astray {
             return;
         }
-        // Those inside the hub end with it; their threads are dropped after they have died.
-        let mut threads = Vec::new();
-        if number == 0 {
-            let insiders: Vec<u16> = self.insiders().collect();
-            for insider in insiders {
-                if let Some(part) = self.parts.get_mut(&insider) {
-                    part.actor = None;
-                    part.life += 1;
-                    threads.extend(part.thread.take());
-                }
-            }
-            // The next hub numbers its connections anew.
-            ledger::with(|ledger| (ledger.pair, ledger.received) = (None, BTreeMap::new()));
-        }
-        let Some(part) = self.parts.get_mut(&number) else { return };
-        let Some(node) = part.node.take() else { return };
-        ledger::with(|ledger| {
-            ledger.forget_calls(number);
-            ledger.hears_all.retain(|(node, _), _| *node != number);
-            ledger.archive.abandon(|database| database.starts_with(&format!("n{number}.")));
-        });
-        part.actor = None;
-        part.life += 1;
-        part.machine = match death {
-            Some(death) => node.die(death, &mut self.chances),
-            None => node.quit(),
-        };
+        part.astray = other;
+        self.end(number, None);
+        self.start(number);
     }
 
     // ---- what happens ----
 
     fn act(&mut self, number: u16, action: Action) {
-        let Some(part) = self.parts.get(&number) else { return };
-        let (hub, here) = (self.simulation.world().machine_number(), part.machine.machine_number());
-        let world = self.simulation.world();
+        let Some(part) = self.parts.all.get(&number) else { return };
+        let hub = self.parts.all.get(&part.hub()).map_or(0, |hub| hub.machine.machine_number());
+        let here = part.machine.machine_number();
+        let world = self.parts.simulation.world();
         match action {
             Action::Link(delay_us, jitter_us, piece) => {
                 let faults = LinkFaults {
@@ -367,11 +208,20 @@ impl<'a> Run<'a> {
                 };
                 world.set_link(hub, here, faults);
             }
+            Action::Lossy(loss, duplication, jitter_us) => {
+                let jitter_max = Duration::from_micros(jitter_us.into());
+                let faults = LinkFaults { loss, duplication, jitter_max, ..LinkFaults::default() };
+                world.set_link(hub, here, faults);
+            }
             Action::Refuse => world.set_link(hub, here, LinkFaults { refuse: true, ..LinkFaults::default() }),
             Action::Mend => {
-                world.set_link(hub, here, LinkFaults::default());
-                world.heal(hub, here);
-                world.heal(here, hub);
+                // Whichever hub it called when that was done.
+                for hub in self.parts.hubs().into_iter().filter_map(|hub| self.parts.all.get(&hub)) {
+                    let hub = hub.machine.machine_number();
+                    world.set_link(hub, here, LinkFaults::default());
+                    world.heal(hub, here);
+                    world.heal(here, hub);
+                }
             }
             Action::Part(out, back) => {
                 if out {
@@ -385,6 +235,8 @@ impl<'a> Run<'a> {
             Action::Die(death) => self.end(number, Some(death)),
             Action::Quit => self.end(number, None),
             Action::Start => self.start(number),
+            Action::Stray => self.stray(number, true),
+            Action::Home => self.stray(number, false),
             Action::Disk(read, write, sync, kib) => self.spoil_disk([read, write, sync], kib),
             Action::Rot(at, bytes) => self.rot(at, bytes),
             _ => self.command(number, action),
@@ -394,7 +246,7 @@ impl<'a> Run<'a> {
     fn spoil_disk(&mut self, [read_errors, write_errors, sync_errors]: [u16; 3], kib: u16) {
         let bytes_max = (kib > 0).then(|| u64::from(kib) * 1024);
         let faults = DiskFaults { read_errors, write_errors, sync_errors, bytes_max };
-        let world = self.simulation.world();
+        let world = self.parts.simulation.world();
         world
             .storage()
             .set_faults(faults, world.rng(DISK_STREAM + self.chances.below(1 << 20)));
@@ -402,10 +254,10 @@ impl<'a> Run<'a> {
 
     /// Makes other bytes of some of the store's, while no hub runs.
     fn rot(&mut self, at: u16, bytes: u16) {
-        if self.hub().is_some() {
+        if self.parts.hub(0).is_some() {
             return;
         }
-        let storage = self.simulation.world().storage();
+        let storage = self.parts.simulation.world().storage();
         let rotted = storage.open(STORE.as_ref(), false).and_then(|file| {
             let len = file.len()?;
             let from = (len * u64::from(at) / 1024).min(len.saturating_sub(1));
@@ -422,19 +274,22 @@ impl<'a> Run<'a> {
     }
 
     fn command(&mut self, number: u16, action: Action) {
-        let Some(part) = self.parts.get(&number) else { return };
+        let Some(part) = self.parts.all.get(&number) else { return };
         if let Some((_, remote)) = &part.thread {
             // Refused only by a full mailbox.
             let _ = remote.post(move |member, cx| member.act(cx, action));
             return;
         }
-        let (Some(node), Some(actor)) = (self.node_of(number), part.actor) else { return };
+        let (Some(node), Some(actor)) = (self.parts.node_of(number), part.actor) else { return };
         node.with(|cx| match actor {
             Actor::Member(member) => cx.with(member, |member, cx| member.act(cx, action)).is_ok(),
             Actor::Plain(plain) => cx.with(plain, |plain, cx| plain.act(cx, action)).is_ok(),
             Actor::Talker(talker) => cx.with(talker, |talker, cx| talker.act(cx, action)).is_ok(),
             Actor::Wild(wild) => cx.with(wild, |wild, cx| wild.act(cx, action)).is_ok(),
             Actor::Scribe(scribe) => cx.with(scribe, |scribe, cx| scribe.act(cx, action)).is_ok(),
+            Actor::Poller(poller) => cx.with(poller, |poller, cx| poller.act(cx, action)).is_ok(),
+            Actor::Filer(filer) => cx.with(filer, |filer, cx| filer.act(cx, action)).is_ok(),
+            Actor::Follower(follower) => cx.with(follower, |it, cx| it.act(cx, action)).is_ok(),
             Actor::Hub(_) => false,
         });
     }
@@ -443,27 +298,34 @@ impl<'a> Run<'a> {
 
     /// Everything is mended and everybody runs: the honest find all again, and the books are closed.
     fn calm(&mut self) -> Result<(), Complaint> {
-        let numbers: Vec<u16> = self.parts.keys().copied().collect();
+        let numbers = self.parts.numbers();
         self.spoil_disk([0; 3], 0);
-        self.start(0);
+        self.parts.hubs().into_iter().for_each(|hub| self.start(hub));
         self.hush();
         for number in numbers.iter().copied().filter(|number| *number != 0) {
             self.act(number, Action::Mend);
+            self.act(number, Action::Home);
             self.act(number, Action::Slow(0));
         }
         self.go_on(CALM)?;
         self.last_words(&numbers)?;
-        checks::calm(self);
+        checks::calm(&self.parts);
         self.judge()
     }
 
     /// Those who keep things change something once more, and when that is done they compare what they were told of
     /// others' things with what there is.
     fn last_words(&mut self, numbers: &[u16]) -> Result<(), Complaint> {
-        if !self.parts.values().any(|part| matches!(part.role, Role::Scribe(_))) {
+        let keeps = |role: Role| matches!(role, Role::Scribe(_) | Role::Filer(_));
+        if self.parts.with_role(keeps).is_empty() {
             return Ok(());
         }
-        for actions in [&[Action::Write(2), Action::Save][..], &[Action::Ask]] {
+        let mut looks = vec![Action::Ask];
+        for filer in self.parts.with_role(|role| matches!(role, Role::Filer(_))) {
+            looks.push(Action::Browse(filer));
+            looks.extend((0..PATHS.len() as u8).map(|path| Action::Fetch(filer, path)));
+        }
+        for actions in [&[Action::Write(2), Action::Save, Action::Put(0, 0, 4000)][..], &looks] {
             for number in numbers {
                 actions.iter().for_each(|action| self.command(*number, *action));
             }
@@ -474,15 +336,14 @@ impl<'a> Run<'a> {
 
     /// The undisturbed pair has been heard enough: the rest of the run costs less without it.
     fn hush(&mut self) {
-        let speakers = self.parts.iter().filter(|(_, part)| part.role == Role::Speaker);
-        let speakers: Vec<u16> = speakers.map(|(number, _)| *number).collect();
+        let speakers = self.parts.with_role(|role| role == Role::Speaker);
         speakers.into_iter().for_each(|number| self.command(number, Action::Quit));
     }
 
-    /// Everybody leaves, one way or another; then the hub has nothing left, and ends.
+    /// Everybody leaves, one way or another; then the hubs have nothing left, and end.
     fn leave(&mut self) -> Result<(), Complaint> {
-        let numbers: Vec<u16> = self.parts.keys().copied().filter(|number| *number != 0).collect();
-        let insiders: Vec<u16> = self.insiders().collect();
+        let numbers = self.parts.with_role(|role| !role.is_hub());
+        let insiders = self.parts.insiders();
         ledger::with(|ledger| ledger.pair = None);
         for number in numbers {
             let death = match self.chances.below(3) {
@@ -491,38 +352,20 @@ impl<'a> Run<'a> {
                 _ => None,
             };
             if insiders.contains(&number) {
-                self.leave_inside(number);
+                self.parts.leave_inside(number);
             } else {
                 self.end(number, death);
             }
         }
         self.go_on(REAPING)?;
-        checks::reaped(self);
+        checks::reaped(&self.parts);
         self.judge()?;
-        self.end_hub()
+        self.end_hubs()
     }
 
-    fn leave_inside(&mut self, number: u16) {
-        let Some(part) = self.parts.get_mut(&number) else { return };
-        let (actor, thread) = (part.actor.take(), part.thread.take());
-        match (actor, thread) {
-            (_, Some((thread, _))) => thread.stop(),
-            (Some(Actor::Member(member)), None) => {
-                let Some((node, _)) = self.hub() else { return };
-                node.with(|cx| {
-                    let hub = cx.with(member, |member, _| member.hub());
-                    cx.destroy_later(member);
-                    if let Ok(hub) = hub {
-                        cx.destroy_later(hub);
-                    }
-                });
-            }
-            _ => {}
-        }
-    }
-
-    fn end_hub(&mut self) -> Result<(), Complaint> {
-        if let Some((node, server)) = self.hub() {
+    fn end_hubs(&mut self) -> Result<(), Complaint> {
+        for hub in self.parts.hubs() {
+            let Some((node, server)) = self.parts.hub(hub) else { continue };
             node.with(|cx| {
                 let end = cx.spawn(HubEnd);
                 attach!(cx, server.ended => end.quit());
@@ -531,12 +374,13 @@ impl<'a> Run<'a> {
             });
         }
         self.go_on(ENDING)?;
-        if let Some((node, _)) = self.hub()
-            && !node.has_ended()
-        {
-            ledger::with(|ledger| {
-                ledger.complain(Rule::Ended, "the hub was asked to end and did not".into())
-            });
+        for hub in self.parts.hubs() {
+            if let Some((node, _)) = self.parts.hub(hub)
+                && !node.has_ended()
+            {
+                let text = format!("hub {hub} was asked to end and did not");
+                ledger::with(|ledger| ledger.complain(Rule::Ended, text));
+            }
         }
         self.judge()
     }

@@ -4,7 +4,8 @@
 //! can be written down as lines of text and read again, and a shrinker can delete from it.
 
 use crate::action::Action;
-use std::fmt::{self, Write as _};
+use crate::words::{Words, name_of, named, number};
+use std::fmt;
 use std::str::FromStr;
 use thiserror::Error;
 
@@ -58,10 +59,21 @@ pub enum Role {
     /// A client of another make: the protocol's core over a plain socket. It can do what `SkFlowSat` does not offer,
     /// such as reading slowly.
     Plain(Way),
+    /// A client that asks for the newest messages of channels instead of hearing all.
+    Poller(Way),
     /// A client that serves and calls.
     Talker,
     /// A satellite that keeps things in databases, and watches those of others. If there is one, the hub has a store.
     Scribe(Way),
+    /// Another hub, on a machine of its own, with other addresses and another owner's token.
+    OtherHub,
+    /// A satellite of another hub: of that node's.
+    Guest(Way, u16),
+    /// A client that follows the undisturbed pair's ticks on a way without fault, and counts itself what the hub tells it.
+    Follower,
+    /// A satellite that keeps files in a blob channel, and looks at those of others. If there is one, the hub has a place
+    /// for them.
+    Filer(Way),
     /// A client that is not honest.
     Wild,
     /// The undisturbed pair's first: it publishes all the time.
@@ -77,7 +89,12 @@ pub enum Way {
     Tcp,
     /// A Unix socket, by user id.
     Unix,
+    /// WebSocket in the hub's HTTP port, with the owner's token.
+    Web,
 }
+
+/// Their names in scripts.
+const WAYS: [(Way, &str); 3] = [(Way::Tcp, "tcp"), (Way::Unix, "unix"), (Way::Web, "web")];
 
 /// Why a text is no script.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -127,7 +144,12 @@ impl fmt::Display for Role {
                 f.write_str(if *subscribe { " subscribe" } else { "" })
             }
             Role::Plain(way) => write!(f, "plain {way}"),
+            Role::Poller(way) => write!(f, "poller {way}"),
+            Role::Filer(way) => write!(f, "filer {way}"),
             Role::Scribe(way) => write!(f, "scribe {way}"),
+            Role::OtherHub => f.write_str("other-hub"),
+            Role::Guest(way, hub) => write!(f, "guest {way} {hub}"),
+            Role::Follower => f.write_str("follower"),
             Role::Talker => f.write_str("talker"),
             Role::Wild => f.write_str("wild"),
             Role::Speaker => f.write_str("speaker"),
@@ -138,23 +160,40 @@ impl fmt::Display for Role {
 
 impl fmt::Display for Way {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Way::Tcp => "tcp",
-            Way::Unix => "unix",
-        })
+        f.write_str(name_of(&WAYS, self))
     }
 }
 
-/// The words of a line.
-pub(crate) type Words<'a> = std::str::SplitAsciiWhitespace<'a>;
-
 impl Role {
+    /// It is a hub.
+    pub fn is_hub(self) -> bool {
+        matches!(self, Role::Hub | Role::OtherHub)
+    }
+
+    /// The number of the hub that it belongs to.
+    pub fn hub(self) -> u16 {
+        match self {
+            Role::Guest(_, hub) => hub,
+            _ => 0,
+        }
+    }
+
+    /// Its own ways are left alone, whatever happens to others.
+    pub fn is_undisturbed(self) -> bool {
+        matches!(self, Role::Speaker | Role::Listener | Role::Follower)
+    }
+
     fn parse(words: &mut Words<'_>) -> Option<Role> {
         Some(match words.next()? {
             "hub" => Role::Hub,
             "satellite" => Role::Satellite(Way::parse(words)?),
             "plain" => Role::Plain(Way::parse(words)?),
+            "poller" => Role::Poller(Way::parse(words)?),
+            "filer" => Role::Filer(Way::parse(words)?),
             "scribe" => Role::Scribe(Way::parse(words)?),
+            "other-hub" => Role::OtherHub,
+            "guest" => Role::Guest(Way::parse(words)?, number(words)?),
+            "follower" => Role::Follower,
             "talker" => Role::Talker,
             "wild" => Role::Wild,
             "speaker" => Role::Speaker,
@@ -179,11 +218,7 @@ impl Role {
 
 impl Way {
     fn parse(words: &mut Words<'_>) -> Option<Way> {
-        match words.next()? {
-            "tcp" => Some(Way::Tcp),
-            "unix" => Some(Way::Unix),
-            _ => None,
-        }
+        named(&WAYS, words)
     }
 }
 
@@ -236,19 +271,4 @@ impl Step {
         let node = words.next()?.strip_prefix('n')?.parse().ok()?;
         Some(Step { at_us, node, action: Action::parse(words)? })
     }
-}
-
-/// The next word as a number.
-pub(crate) fn number<N: FromStr>(words: &mut Words<'_>) -> Option<N> {
-    words.next()?.parse().ok()
-}
-
-/// The words of a script's line that name an action and its numbers.
-pub(crate) fn words(f: &mut fmt::Formatter<'_>, name: &str, numbers: &[u64]) -> fmt::Result {
-    f.write_str(name)?;
-    for number in numbers {
-        f.write_char(' ')?;
-        write!(f, "{number}")?;
-    }
-    Ok(())
 }

@@ -1,9 +1,9 @@
 //! Makes a script that breaks a rule as short as it can.
 
 use crate::action::Action;
-use crate::ledger::Rule;
+use crate::rule::Rule;
 use crate::run::{Outcome, run};
-use crate::script::Script;
+use crate::script::{Role, Script};
 
 /// A script with its complaint, made shorter.
 #[derive(Clone, Debug)]
@@ -95,8 +95,15 @@ impl Search {
     }
 
     fn delete_nodes(&mut self) {
-        let numbers: Vec<u16> = self.best.script.nodes.iter().map(|(number, _)| *number).collect();
-        for number in numbers.into_iter().filter(|number| *number != 0) {
+        // Whoever has a satellite stays as long as that.
+        let with_hubs = self.best.script.nodes.iter().rev();
+        let numbers: Vec<u16> = with_hubs.map(|(number, _)| *number).collect();
+        for number in numbers {
+            let nodes = &self.best.script.nodes;
+            let is_needed = |(_, role): &(u16, Role)| !role.is_hub() && role.hub() == number;
+            if number == 0 || nodes.iter().any(is_needed) {
+                continue;
+            }
             let mut candidate = self.best.script.clone();
             candidate.nodes.retain(|(node, _)| *node != number);
             candidate.steps.retain(|step| step.node != number);

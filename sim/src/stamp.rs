@@ -85,6 +85,11 @@ pub fn clock_name(node: u16) -> String {
     format!("n{node}.t")
 }
 
+/// What a node's blob channel is called, without the account.
+pub fn files_name(node: u16) -> String {
+    format!("n{node}.f")
+}
+
 /// The account of every hub in a box.
 pub const USER: &str = "robot";
 

@@ -121,7 +121,7 @@ fn a_rule_that_is_broken_is_told() {
         .parse()
         .expect("a script");
     let complaint = run(&script).complaint.expect("it is lost");
-    assert_eq!(complaint.rule, sk_sim::ledger::Rule::Restored);
+    assert_eq!(complaint.rule, sk_sim::rule::Rule::Restored);
     let shrunk = sk_sim::shrink::shrink(&script, 50).expect("it still fails");
     assert_eq!((shrunk.script.steps.len(), shrunk.script.nodes.len()), (0, 1));
 }

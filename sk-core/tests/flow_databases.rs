@@ -189,6 +189,56 @@ fn after_a_reconnection_databases_are_created_selected_and_watched_as_before() {
 }
 
 #[test]
+fn a_satellite_tells_its_pulse_once_a_second() {
+    let (simulation, mut app) = world(6);
+    let cx = app.cx();
+    start_hub(cx);
+    let at = HubAddress::Unix(ADDRESS.into());
+    let pacer = SkFlowSat::connect(cx, &at);
+    pacer.name_flow(cx, "pacer").unwrap();
+    let reader = SkFlowSat::connect(cx, &at);
+    let pulse = reader.database(cx, "flow:robot.pacer").unwrap();
+    let told = Rc::new(RefCell::new(SkVariant::Null));
+    let mut ask = |key: &str| {
+        let answer = told.clone();
+        simulation.run_for(&mut app, seconds(2));
+        pulse.get(app.cx(), key, move |_cx, value| *answer.borrow_mut() = value.unwrap().unwrap());
+        simulation.run_for(&mut app, seconds(1));
+        (told.take(), app.cx().stats().ticks)
+    };
+    let mut before = 0;
+    for _ in 0..3 {
+        let (statistics, ticks) = ask("pulse.statistics");
+        let known = u64::try_from(statistics.get("ticks").unwrap()).unwrap();
+        assert!(before < known && known <= ticks, "{before} {known} {ticks}");
+        before = known;
+        let keys: Vec<&str> = statistics.as_map().unwrap().keys().map(String::as_str).collect();
+        let plain = ["interval", "job_time", "mean_interval", "missed", "overruns", "sync_lost", "ticks"];
+        assert_eq!(keys, [&plain[..], &["wake_error"]].concat());
+        assert_eq!(
+            statistics.get("interval"),
+            Some(&sk_core::eventloop::INTERVAL_DEFAULT.as_secs_f64().into())
+        );
+        let spans = statistics.get("job_time").unwrap();
+        let [p50, p99, max] = ["p50", "p99", "max"].map(|key| spans.get(key).unwrap().as_f64().unwrap());
+        assert!(p50 <= p99 && p99 <= max, "{spans}");
+        assert_eq!(statistics.get("wake_error"), Some(&SkVariant::Null), "this mode promises no moment");
+    }
+    app.cx().set_interval(Duration::from_millis(20)).unwrap();
+    app.cx().set_mode(TimingMode::Coarse).unwrap();
+    let mut ask = |key: &str| {
+        let answer = told.clone();
+        simulation.run_for(&mut app, seconds(2));
+        pulse.get(app.cx(), key, move |_cx, value| *answer.borrow_mut() = value.unwrap().unwrap());
+        simulation.run_for(&mut app, seconds(1));
+        told.take()
+    };
+    assert_eq!((ask("pulse.interval_ms"), ask("pulse.mode")), (20.0.into(), "Coarse".into()));
+    let late = ask("pulse.statistics").get("wake_error").unwrap().clone();
+    assert!(late.get("p99").and_then(SkVariant::as_f64).is_some(), "this one does: {late}");
+}
+
+#[test]
 fn a_watch_waits_for_a_database_that_comes_later() {
     let (simulation, mut app) = world(4);
     let cx = app.cx();

@@ -316,7 +316,7 @@ fn add(
         return Ok(None);
     }
     let pipe = server.pipe(cx, Rights::ALL).map_err(HubError::Link)?;
-    let satellite = SkFlowSat::inside(cx, pipe);
+    let satellite = SkFlowSat::of_module(cx, pipe, name);
     let runner = class
         .runner(name, satellite.flow(name), &config.parameters)
         .map_err(|error| HubError::Parameters(name, error))?;

@@ -4,6 +4,9 @@ use crate::hub::{Hub, HubBuilder, HubError};
 use sk_core::prelude::*;
 use sk_core::world::OsSignal;
 
+/// What reliable streams have under way comes and goes many times a second: its memory stays.
+const FREED_BYTES_KEPT: usize = 16 * 1024 * 1024;
+
 /// Why a hub did not run.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -53,7 +56,7 @@ impl HubBuilder {
     /// If there can be no loop, or as [`start`](HubBuilder::start).
     pub fn run(self) -> Result<(), RunError> {
         let event_loop = self.config().event_loop.clone();
-        let app = SkApp::builder().name("hub");
+        let app = SkApp::builder().name("hub").keep_freed_memory(FREED_BYTES_KEPT);
         let mut app = app.configure(|settings| event_loop.apply(settings)).build()?;
         let hub = self.start(app.cx())?;
         for address in hub.addresses() {

@@ -161,11 +161,27 @@ fn a_hub_is_reached_at_every_kind_of_address_by_who_knows_its_certificate() {
             assert_eq!(success(&listed), "no channels\n", "{address} {trust:?}");
         }
         let other = "0f".repeat(32);
-        failure(&hub.sk(&["--hub", &address, "--tls-pin", &other, "ls"]), 1);
+        let said = failure(&hub.sk(&["--hub", &address, "--tls-pin", &other, "ls"]), 1);
+        let why = "cannot be used: its certificate has another fingerprint than the one that is trusted";
+        assert_eq!(said, format!("sk: the hub at {address} {why}\n"));
         let said = failure(&hub.sk(&["--hub", &address, "ls"]), 1);
         assert!(said.contains("--tls-ca") && said.contains("--tls-pin"), "{said}");
     }
     assert!(address("wss").ends_with("/robot"));
+    let elsewhere = plain.replace("/flow", "/elsewhere");
+    let said = failure(&hub.sk(&["--hub", &elsewhere, "ls"]), 1);
+    assert!(said.contains("cannot be used: ") && said.contains("404 Not Found"), "{said}");
+}
+
+/// A WebSocket address is reached by a name that the hub does not answer to.
+#[test]
+fn t13_a_hub_that_does_not_answer_to_a_name_says_so_to_who_uses_it() {
+    let hub = Hub::start_in(new_folder(), &["--tcp", "off", "--without", "host", "--listen", "ws:0.0.0.0:0"]);
+    let line = hub.greeting.iter().find_map(|line| line.split_once("ws:0.0.0.0:")).unwrap();
+    let port = line.1.split('/').next().unwrap();
+    let said = failure(&hub.sk(&["--hub", &format!("ws:127.0.0.2:{port}/flow"), "ls"]), 1);
+    assert!(said.contains("cannot be used: ") && said.contains("421 Misdirected Request: "), "{said}");
+    assert_eq!(success(&hub.sk(&["--hub", &format!("ws:127.0.0.1:{port}/flow"), "ls"])), "no channels\n");
 }
 
 #[test]

@@ -126,6 +126,22 @@ class Channels(HubTest):
                 hub.inspect("weather")
             self.assertEqual(caught.exception.code, "NoSuchSubject")
 
+    def test_a_taken_name_is_asked_for_again_and_said_once(self):
+        one, two, told = self.sat(), self.sat(), []
+        first = one.stream("taken")
+        self.until(lambda: first.opened, one)
+        two.on_refused = told.append
+        second = two.stream("taken")
+        self.until(lambda: told, two)
+        for _ in range(3):
+            second.create()
+        # The hub answers in order: what comes next shows that all three were refused.
+        third = two.stream("free")
+        self.until(lambda: third.opened, one, two)
+        self.assertEqual([refusal.code for refusal in told], ["Exists"])
+        one.close()
+        self.until(lambda: second.opened, two)
+
     def test_wishes_that_cannot_be_are_said_at_once(self):
         sat = FlowSat(self.hub.unix)
         self.assertRaises(ValueError, sat.subscribe, "robot.x", policy="some")

@@ -1,9 +1,11 @@
 //! A satellite as programs have it.
 
-use super::{Identity, properties_of};
 use crate::action::Action;
+use crate::channels::{is_latched, properties_of};
+use crate::identity::Identity;
 use crate::ledger;
 use crate::stamp::{Origin, USER, channel_name, clock_name, own_name};
+use crate::wishes::Wishes;
 use sk_core::flow::satellite::ChannelInfo;
 use sk_core::flow::{ChannelRef, Divisor, FlowMessage, SkFlowSat};
 use sk_core::prelude::*;
@@ -26,7 +28,7 @@ pub(crate) struct Member {
     follows: Option<String>,
     /// Of one that publishes all the time.
     voice: Option<Handle<Timer>>,
-    pub(crate) ready: bool,
+    ready: bool,
 }
 
 object! {
@@ -97,7 +99,7 @@ impl Member {
                 ledger::with(|ledger| ledger.hears_all.remove(&(self.who.node, name.clone())));
                 if let (Some(connection), Some(reference)) = (self.hub.connection(cx), self.known.get(&name))
                 {
-                    ledger::with(|ledger| ledger.gave_up(connection, *reference));
+                    ledger::with(|ledger| ledger.gave_up(self.who, connection, *reference));
                 }
             }
             Action::Repeat(channel, node, source) => {
@@ -109,6 +111,12 @@ impl Member {
             // Refused where there is no such channel, or it is no more.
             Action::RepeatNoMore(channel) => {
                 let _ = self.hub.repeat_no_more(cx, &own_name(self.who.node, channel));
+            }
+            Action::ByUdp(channel) => {
+                let name = channel_name(self.who.node, channel);
+                ledger::with(|ledger| _ = ledger.by_udp.insert(name));
+                // Refused where there is no such channel.
+                let _ = self.hub.publish_by_udp(cx, &own_name(self.who.node, channel));
             }
             Action::Tick => {
                 self.ticks = self.hub.sync_source(cx, &clock_name(self.who.node)).is_ok();
@@ -147,12 +155,19 @@ impl Member {
         }
     }
 
-    /// What it should find at the hub: names of its channels, and names it hears.
-    pub(crate) fn wishes(&self) -> (Vec<String>, Vec<String>) {
+    /// What it should find at its hub.
+    pub(crate) fn wishes(&self, cx: &mut Cx) -> Wishes {
         let own = self.own.iter().map(|channel| channel_name(self.who.node, *channel));
         let clock = self.ticks.then(|| format!("{USER}.{}", clock_name(self.who.node)));
         let heard = self.wanted.iter().chain(&self.follows).cloned();
-        (own.chain(clock).collect(), heard.collect())
+        Wishes {
+            hub: self.who.hub,
+            ready: self.ready,
+            connection: self.hub.connection(cx),
+            own: own.chain(clock).collect(),
+            wanted: heard.collect(),
+            known: Some(self.known.values().copied().collect()),
+        }
     }
 
     /// The satellite behind.
@@ -160,25 +175,24 @@ impl Member {
         self.hub
     }
 
-    /// Its connection at the hub.
-    pub(crate) fn connection(&self, cx: &mut Cx) -> Option<u64> {
-        self.hub.connection(cx)
-    }
-
     fn publish(&mut self, cx: &mut Cx, channel: u8, bytes: usize) {
-        let Some(reference) = self.known.get(&channel_name(self.who.node, channel)) else { return };
+        let latched = is_latched(self.who.node, channel);
+        // The last message of a channel with a latch is kept until there is a hub.
+        let nowhere = latched.then_some(ChannelRef { id: 0, epoch: 0 });
+        let known = self.known.get(&channel_name(self.who.node, channel)).copied();
+        let Some(reference) = known.or(nowhere) else { return };
         let origin = Origin { node: self.who.node, life: self.who.life, channel };
         if !self.own.contains(&channel) {
             return;
         }
         let stamp = ledger::with(|ledger| {
             ledger.now = cx.clock_now();
-            ledger.next_stamp(origin, *reference)
+            ledger.next_stamp(origin, reference)
         });
-        if self
+        let sent = self
             .hub
-            .publish_bytes(cx, &own_name(self.who.node, channel), stamp.message(bytes))
-        {
+            .publish_bytes(cx, &own_name(self.who.node, channel), stamp.message(bytes));
+        if sent || latched {
             ledger::with(|ledger| ledger.was_published(&stamp));
         }
     }
@@ -192,7 +206,7 @@ impl Member {
         ledger::with(|ledger| {
             ledger.now = cx.clock_now();
             let channel = (message.name(), message.channel().channel);
-            ledger.was_heard((self.who.node, self.who.life), connection, channel, message.payload());
+            ledger.was_heard(self.who, connection, channel, message.payload());
         });
     }
 
@@ -210,8 +224,10 @@ impl Member {
     fn let_in(&mut self, cx: &mut Cx) {
         self.ready = true;
         let connection = self.hub.connection(cx).unwrap_or(0);
-        ledger::with(|ledger| ledger.was_let_in(connection));
-        ledger::with(|ledger| ledger.note(&[4, self.who.node.into(), cx.clock_now().as_nanos()]));
+        ledger::with(|ledger| {
+            ledger.now = cx.clock_now();
+            ledger.was_let_in(self.who, connection);
+        });
     }
 
     fn lose(&mut self, cx: &mut Cx, why: &str) {

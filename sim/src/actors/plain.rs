@@ -1,13 +1,16 @@
 //! An honest client of another make: the protocol's core over a plain socket.
 
-use super::{Identity, is_reliable, properties_of};
+use super::wire;
 use crate::action::Action;
-use crate::ledger::{self, Rule};
+use crate::channels::{is_reliable, properties_of};
+use crate::identity::Identity;
+use crate::ledger;
+use crate::rule::Rule;
 use crate::script::Way;
 use crate::stamp::{Origin, channel_name, own_name};
+use crate::wishes::Wishes;
 use bytes::Bytes;
 use sk_core::flow::satellite::{SatelliteCore, SatelliteEvent};
-use sk_core::flow::wire::WRITE_PARTS_MAX;
 use sk_core::flow::{ChannelRef, Command, Flags, Message};
 use sk_core::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
@@ -40,7 +43,7 @@ pub(crate) struct Plain {
     aborted: u32,
     bytes_per_look: usize,
     connect_at: Instant,
-    pub(crate) ready: bool,
+    ready: bool,
 }
 
 object! { pub(crate) Plain { slots { look() hear() gone(&CloseReason) go_on() } } }
@@ -91,7 +94,7 @@ impl Plain {
                 let _ = core.unsubscribe(&name);
                 let connection = core.connection();
                 if let Some((reference, _)) = self.names.iter().find(|(_, known)| **known == name) {
-                    ledger::with(|ledger| ledger.gave_up(connection, *reference));
+                    ledger::with(|ledger| ledger.gave_up(who, connection, *reference));
                 }
             }
             Action::Burst(channel, count, bytes) => {
@@ -132,12 +135,19 @@ impl Plain {
         }
     }
 
-    pub(crate) fn wishes(&self) -> (Vec<String>, Vec<String>) {
+    pub(crate) fn wishes(&self) -> Wishes {
         let own = self.own.iter().map(|channel| channel_name(self.who.node, *channel));
-        (own.collect(), self.wanted.keys().cloned().collect())
+        Wishes {
+            hub: self.who.hub,
+            ready: self.ready,
+            connection: self.connection(),
+            own: own.collect(),
+            wanted: self.wanted.keys().cloned().collect(),
+            known: Some(self.names.keys().copied().collect()),
+        }
     }
 
-    pub(crate) fn connection(&self) -> Option<u64> {
+    fn connection(&self) -> Option<u64> {
         self.core.as_ref().map(SatelliteCore::connection).filter(|id| *id != 0)
     }
 
@@ -177,7 +187,8 @@ impl Plain {
     fn connect(&mut self, cx: &mut Cx) {
         self.connect_at = cx.now() + CONNECTS_AFTER;
         let this = cx.this(self);
-        let Ok(socket) = Socket::connect_placed(cx.under(this), &self.way.address().endpoint()) else {
+        let Ok(socket) = Socket::connect_placed(cx.under(this), &self.way.address(self.who.hub).endpoint())
+        else {
             return;
         };
         attach!(cx, socket.readable => this.hear);
@@ -187,7 +198,7 @@ impl Plain {
         let mut nonce = [0; 32];
         cx.world().rng.fill(&mut nonce);
         self.socket = Some(socket);
-        self.core = Some(SatelliteCore::flow(self.way.credentials(), nonce, cx.now()));
+        self.core = Some(SatelliteCore::flow(self.way.credentials(self.who.home), nonce, cx.now()));
         self.flush(cx);
     }
 
@@ -253,8 +264,7 @@ impl Plain {
                     let name = self.names.get(&channel).map_or("(nothing)", String::as_str);
                     ledger::with(|ledger| {
                         ledger.now = cx.clock_now();
-                        let who = (self.who.node, self.who.life);
-                        ledger.was_heard(who, connection, (name, channel), &payload);
+                        ledger.was_heard(self.who, connection, (name, channel), &payload);
                     });
                 }
                 SatelliteEvent::Refused { text, .. } => {
@@ -283,7 +293,7 @@ impl Plain {
         self.ready = true;
         let Some(core) = &mut self.core else { return };
         let connection = core.connection();
-        ledger::with(|ledger| ledger.was_let_in(connection));
+        ledger::with(|ledger| ledger.was_let_in(self.who, connection));
         for channel in &self.own {
             let _ = core.create(&own_name(self.who.node, *channel), &properties_of(self.who.node, *channel));
         }
@@ -298,17 +308,8 @@ impl Plain {
     }
 
     fn flush(&mut self, cx: &mut Cx) {
-        let (Some(core), Some(socket)) = (&mut self.core, self.socket) else { return };
-        // What waits in the socket goes first, so that it does not gather there.
-        while core.has_output() && socket.queued_bytes(cx) == Ok(0) {
-            let slices = core.slices(WRITE_PARTS_MAX);
-            let bytes: Vec<u8> = slices.iter().flat_map(|slice| slice.iter().copied()).collect();
-            let count = bytes.len();
-            drop(slices);
-            if count == 0 || socket.write(cx, bytes).is_err() {
-                return;
-            }
-            core.wrote(count);
+        if let (Some(core), Some(socket)) = (&mut self.core, self.socket) {
+            wire::flush(cx, core, socket);
         }
     }
 

@@ -4,11 +4,13 @@
 //! three variables all are of one number whenever it is saved. Each has one command under way at a time, so that
 //! it is known which one an answer is for.
 
-use super::Identity;
 use crate::action::Action;
 use crate::archive::{Place, WHOLE, value_of};
-use crate::ledger::{self, Rule};
+use crate::identity::Identity;
+use crate::ledger;
+use crate::rule::Rule;
 use crate::script::Way;
+use crate::wishes::Wishes;
 use sk_core::flow::{FlowDatabase, SkFlowSat, Variable};
 use sk_core::prelude::*;
 use sk_flat::SkVariant;
@@ -52,7 +54,7 @@ pub(crate) struct Scribe {
     /// By name.
     watched: BTreeMap<String, Handle<FlowDatabase>>,
     number: u64,
-    pub(crate) ready: bool,
+    ready: bool,
 }
 
 object! {
@@ -70,7 +72,7 @@ pub(crate) fn names_of(node: u16, life: u16) -> [String; 2] {
 
 impl Scribe {
     pub(crate) fn start(cx: &mut Cx, who: Identity, way: Way) -> Option<Handle<Scribe>> {
-        let hub = SkFlowSat::connect_as(cx, &way.address(), way.credentials());
+        let hub = SkFlowSat::connect_as(cx, &way.address(who.hub), way.credentials(who.home));
         let [durable, saved] = names_of(who.node, who.life);
         let desk = |cx: &mut Cx, name: String, durable| {
             let database = hub.database(cx, &name).ok()?;
@@ -120,9 +122,9 @@ impl Scribe {
         }
     }
 
-    /// Its connection at the hub.
-    pub(crate) fn connection(&self, cx: &mut Cx) -> Option<u64> {
-        self.hub.connection(cx)
+    /// What it should find at its hub.
+    pub(crate) fn wishes(&self, cx: &mut Cx) -> Wishes {
+        Wishes { ready: self.ready, connection: self.hub.connection(cx), ..Wishes::default() }
     }
 
     /// What it still has to do, in words.
@@ -185,7 +187,7 @@ impl Scribe {
     fn let_in(&mut self, cx: &mut Cx) {
         self.ready = true;
         let connection = self.hub.connection(cx).unwrap_or(0);
-        ledger::with(|ledger| ledger.was_let_in(connection));
+        ledger::with(|ledger| ledger.was_let_in(self.who, connection));
     }
 
     fn lose(&mut self, _: &mut Cx) {

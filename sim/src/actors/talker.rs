@@ -1,8 +1,9 @@
 //! A client that serves and calls, frame by frame: satellites do not offer services yet.
 
-use super::Identity;
 use crate::action::Action;
+use crate::identity::Identity;
 use crate::ledger::{self, CallKey};
+use crate::rule::Rule;
 use crate::script::Way;
 use crate::stamp::{channel_name, own_name};
 use bytes::Bytes;
@@ -169,7 +170,8 @@ impl Talker {
     fn connect(&mut self, cx: &mut Cx) {
         self.connect_at = cx.now() + CONNECTS_AFTER;
         let this = cx.this(self);
-        let Ok(socket) = Socket::connect_placed(cx.under(this), &Way::Unix.address().endpoint()) else {
+        let Ok(socket) = Socket::connect_placed(cx.under(this), &Way::Unix.address(self.who.hub).endpoint())
+        else {
             return;
         };
         attach!(cx, socket.readable => this.hear);
@@ -203,7 +205,7 @@ impl Talker {
                     Ok(None) => break,
                     Err(error) => {
                         let text = format!("n{}: the hub sent what no hub sends: {error}", self.who.node);
-                        ledger::with(|ledger| ledger.complain(ledger::Rule::Honest, text));
+                        ledger::with(|ledger| ledger.complain(Rule::Honest, text));
                         return self.lose(cx);
                     }
                 }

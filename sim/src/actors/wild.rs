@@ -1,8 +1,9 @@
 //! A client that is not honest.
 
-use super::Identity;
 use crate::action::{Action, Wildness};
-use crate::ledger::{self, Rule};
+use crate::identity::Identity;
+use crate::ledger;
+use crate::rule::Rule;
 use crate::script::Way;
 use bytes::Bytes;
 use sk_core::flow::login::OwnerToken;
@@ -40,7 +41,8 @@ impl Wild {
         self.kind = kind;
         self.done = false;
         let this = cx.this(self);
-        let Ok(socket) = Socket::connect_placed(cx.under(this), &Way::Tcp.address().endpoint()) else {
+        let Ok(socket) = Socket::connect_placed(cx.under(this), &Way::Tcp.address(self.who.hub).endpoint())
+        else {
             return;
         };
         attach!(cx, socket.readable => this.hear);
@@ -55,7 +57,7 @@ impl Wild {
                 let credentials = Credentials::Token(OwnerToken::new([9; 32]));
                 Some(SatelliteCore::flow(credentials, nonce, cx.now()))
             }
-            _ => Some(SatelliteCore::flow(Way::Tcp.credentials(), nonce, cx.now())),
+            _ => Some(SatelliteCore::flow(Way::Tcp.credentials(self.who.hub), nonce, cx.now())),
         };
     }
 

@@ -63,18 +63,21 @@ pub const SYNC_GOOD_TIME_MAX: Duration = Duration::from_secs(60);
 
 /// What may wait for one connection, payloads counted in full. Beyond it its messages are dropped.
 pub const CONNECTION_BYTES_MAX: usize = 32 * 1024 * 1024;
-/// What may wait for all connections together, and be kept for late joiners, shared payloads counted once.
+/// What may wait for all connections together, be kept for late joiners and be held of unfinished messages and of
+/// requests and answers, shared payloads counted once.
 pub const HUB_BYTES_MAX: usize = 256 * 1024 * 1024;
 /// What is kept of it for late joiners and for those who poll, at most.
 pub const KEPT_BYTES_MAX: usize = HUB_BYTES_MAX / 2;
 /// How much a hub that has too many bytes waiting drops at once, so that it need not look for room each time.
-pub const SHED_BYTES: usize = HUB_BYTES_MAX / 16;
+pub const SHED_BYTES: usize = HUB_BYTES_MAX / SHED_SHARE;
+/// Which part of all that is.
+pub const SHED_SHARE: usize = 16;
 /// How far the owner of a reliable channel may be ahead of its slowest subscriber before it has to wait.
 pub const CREDIT_BYTES: u64 = 1024 * 1024;
 /// What unfinished messages of one connection may hold together.
 pub const UNFINISHED_BYTES_MAX: usize = 32 * 1024 * 1024;
-/// What those of all connections may hold together; beyond it whoever holds most gives his up.
-pub const HUB_UNFINISHED_BYTES_MAX: usize = HUB_BYTES_MAX / 2;
+/// What unfinished messages of all connections may hold together.
+pub const UNFINISHED_BYTES_MAX_IN_ALL: usize = HUB_BYTES_MAX / 2;
 /// What one fragment or one waiting message is charged beyond its payload.
 pub const ITEM_OVERHEAD_BYTES: usize = 64;
 /// What may wait in a connection's queue of control frames. Beyond it the connection is closed; from half
@@ -169,7 +172,6 @@ pub const LOG_LINES_PER_SECOND_MAX: u32 = 10;
 const _: () = {
     assert!(FRAGMENT_BYTES_MIN <= FRAGMENT_BYTES_MAX && FRAGMENT_BYTES_MAX <= MESSAGE_BYTES_MAX);
     assert!(MESSAGE_BYTES_MAX <= UNFINISHED_BYTES_MAX && MESSAGE_BYTES_MAX <= CONNECTION_BYTES_MAX);
-    assert!(2 * UNFINISHED_BYTES_MAX <= HUB_UNFINISHED_BYTES_MAX);
     assert!(CONNECTIONS_PER_ACCOUNT_MAX + UNAUTHENTICATED_MAX < CONNECTIONS_MAX);
     assert!(CHANNELS_MAX == i16::MAX as usize + 1 && CHANNELS_RESERVED_FOR_HUB < CHANNELS_MAX);
     assert!(PROPERTIES_JSON_BYTES_MAX < CONTROL_BYTES_MAX && VALUE_BYTES_MAX < CONTROL_BYTES_MAX / 2);

@@ -39,7 +39,7 @@ parameters! {
         tcp: Vec<TcpAddress> = vec![TcpAddress(crate::hub::TCP_DEFAULT)];
         /// The Unix socket hub.sock in the state folder, for programs of the same user.
         unix: bool = true;
-        /// Further addresses of any kind: tcp:HOST:PORT, ws:HOST:PORT/flow, tls:HOST:PORT, wss:HOST:PORT/flow, tty:DEVICE?baud=115200, unix:PATH.
+        /// Further addresses of any kind: tcp:HOST:PORT, ws:HOST:PORT/flow, tls:HOST:PORT, wss:HOST:PORT/flow, tty:DEVICE?baud=115200, unix:PATH, udp:HOST:PORT for publishing by datagrams.
         addresses: Vec<ListenAddress> = Vec::new();
         /// The PEM file of the certificate that is shown at tls: and wss: addresses, followed by those that lead to the authority.
         tls_certificate: Option<String> = None;

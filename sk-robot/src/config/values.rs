@@ -110,7 +110,7 @@ impl FromVariant for ListenAddress {
 
 impl ParameterType for ListenAddress {
     fn schema() -> SkVariant {
-        let pattern = r"^(tcp|tls|unix|ws|wss|tty):.+$";
+        let pattern = r"^(tcp|tls|unix|ws|wss|tty|udp):.+$";
         SkVariant::map([("type", "string".into()), ("pattern", pattern.into())])
     }
 }

@@ -4,7 +4,8 @@ use super::super::Policy;
 use super::super::definition::Encoded;
 use super::super::frame::Flags;
 use super::outgoing::{Begun, data};
-pub use super::outgoing::{Budget, Outgoing, charge_of};
+pub use super::outgoing::{Outgoing, charge_of};
+pub use crate::flow::wire::budget::{Budget, Charge};
 use crate::testing::{Bug, is_planted};
 use std::collections::VecDeque;
 

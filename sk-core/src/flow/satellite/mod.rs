@@ -8,6 +8,7 @@
 mod accounts;
 mod blobs;
 mod channels;
+mod creating;
 mod databases;
 mod event;
 mod incoming;
@@ -34,12 +35,12 @@ use super::login::{Nonce, OwnerToken};
 use super::scram::{ClientExchange, Derivation};
 use super::server::Session;
 use super::wire::Slices;
-use super::{ChannelRef, Command, Event, Form, Inbound, Policy, Properties, State};
+use super::{ChannelRef, Command, Event, Form, Inbound, Policy, State};
 use bytes::Bytes;
 use rustc_hash::FxHashMap;
 use sending::{Kind, Outbox};
 use services::Incoming;
-use sk_flat::{Instant, Name, SkVariant};
+use sk_flat::{Instant, Name};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 /// How a satellite logs in.
@@ -99,8 +100,7 @@ pub struct SatelliteCore {
     wanted: BTreeMap<String, (Policy, u16)>,
     /// Names of sync channels to be followed.
     followed: BTreeMap<String, Divisor>,
-    /// Names whose creation was asked, by tag.
-    creating: BTreeMap<u32, String>,
+    creating: creating::Creating,
     gathering: Gathering<Incoming>,
     /// The tags of open calls.
     calls: BTreeSet<u32>,
@@ -179,7 +179,7 @@ impl SatelliteCore {
             own: FxHashMap::default(),
             wanted: BTreeMap::new(),
             followed: BTreeMap::new(),
-            creating: BTreeMap::new(),
+            creating: creating::Creating::default(),
             gathering: Gathering::default(),
             polled: Gathering::default(),
             calls: BTreeSet::new(),
@@ -312,46 +312,6 @@ impl SatelliteCore {
     /// were unfinished at once.
     pub fn lost(&self) -> u64 {
         self.lost
-    }
-
-    /// Whether a channel of this full name was asked for, and the hub has not answered.
-    pub fn is_creating(&self, full_name: &str) -> bool {
-        self.creating.values().any(|name| name == full_name)
-    }
-
-    /// Asks for a streaming channel; `Created` or `Refused` with the tag answers.
-    ///
-    /// # Errors
-    /// If the name or the properties cannot be, or the connection is no ready flow.
-    pub fn create(&mut self, name: &str, properties: &SkVariant) -> Result<u32, SatelliteError> {
-        let stream = |name, properties| Command::CreateStream { name, properties };
-        self.create_as("create_stream", stream, name, properties)
-    }
-
-    fn create_as(
-        &mut self,
-        what: &'static str,
-        command: impl FnOnce(String, Properties) -> Command,
-        name: &str,
-        properties: &SkVariant,
-    ) -> Result<u32, SatelliteError> {
-        let Some(user) = self.user.as_ref().filter(|_| self.is_flow()) else {
-            return Err(SatelliteError::State(what));
-        };
-        let full = Name::compose(user, &Name::new(name)?)?;
-        let properties = Properties::new(properties)?;
-        let tag = self.command(&command(name.to_owned(), properties))?;
-        self.creating.insert(tag, full.to_string());
-        Ok(tag)
-    }
-
-    /// Asks for the end of a channel; `ChannelRemoved` or `Refused` answers.
-    ///
-    /// # Errors
-    /// If the connection is no ready flow, or too much waits.
-    pub fn remove(&mut self, channel: ChannelRef) -> Result<u32, SatelliteError> {
-        self.need_flow("remove_channel")?;
-        self.command(&Command::RemoveChannel { channel })
     }
 
     /// Publishes a message. Answers `false`, having sent nothing, while nobody listens and the channel has no

@@ -4,7 +4,8 @@ use super::super::error::ClosingReason;
 use super::super::login::NO_PROOF;
 use super::super::{Flags, Message};
 use super::*;
-use crate::flow::{ChannelKind, Path};
+use crate::flow::{ChannelKind, Path, Properties};
+use sk_flat::SkVariant;
 use std::time::Duration;
 
 fn at(ms: u64) -> Instant {

@@ -19,6 +19,7 @@ mod connection;
 mod databases;
 mod inspect;
 mod notice;
+mod refusing;
 mod services;
 mod sync;
 #[cfg(test)]
@@ -36,18 +37,16 @@ pub use services::requests::RequestId;
 use super::channel::{Channel, Owner, Registry};
 use super::database::{DatabaseKind, DatabaseName, Databases, Entity};
 use super::definition::Encoded;
-use super::delivery::{Budget, Counts, DropReason};
-use super::error::{ClosingReason, ProtocolError, RefusalCode};
-use super::fragment::HeldBytes;
+use super::delivery::{Budget, Charge, Counts, DropReason};
+use super::error::{ClosingReason, ProtocolError};
 use super::frame::Flags;
 use super::limits::{
     CHECK_INTERVAL, CONNECTIONS_MAX, FRAGMENT_BYTES_MAX, LINGER_TIME_MAX, LOG_LINES_PER_SECOND_MAX,
-    LOGIN_TIME_MAX, UNAUTHENTICATED_MAX,
+    LOGIN_TIME_MAX, UNAUTHENTICATED_MAX, UNFINISHED_BYTES_MAX_IN_ALL,
 };
 use super::login::{Nonce, OwnerToken};
 use super::wire::Slices;
 use super::{ChannelRef, Event, Message, State};
-use crate::testing::{Bug, is_planted};
 use access::accounts::Accounts;
 use access::sessions::Sessions;
 use blobs::desk::Filing;
@@ -62,7 +61,7 @@ use databases::storing::Storing;
 use notice::LogLimit;
 use services::requests::Requests;
 use sk_flat::{Instant, Name};
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeMap, VecDeque};
 use sync::Clock;
 use thiserror::Error;
 
@@ -117,6 +116,8 @@ pub struct ServerCore {
     selected: Selected,
     storing: Storing,
     filing: Filing,
+    /// The command that is being carried out, by its name in the table.
+    asked: Option<&'static str>,
     /// Connections with commands that wait for their turn.
     work: VecDeque<ConnectionId>,
     dirty: Vec<ConnectionId>,
@@ -127,10 +128,10 @@ pub struct ServerCore {
     ended: Counts,
     /// What waits and is kept in all, shared payloads counted once.
     budget: Budget,
+    /// Of that, what is held of unfinished messages.
+    unfinished: Budget,
     /// What is kept for late joiners and those who poll.
     kept: usize,
-    /// What the unfinished messages of all connections hold.
-    unfinished: HeldBytes,
     sessions: Sessions,
     udp: Udp,
     addresses: Addresses,
@@ -145,7 +146,7 @@ pub struct ServerCore {
     /// The open requests to services.
     requests: Requests,
     /// Those of them that the hub itself is to answer.
-    serving: BTreeSet<RequestId>,
+    serving: BTreeMap<RequestId, Charge>,
     unmatched_answers: u64,
     /// What everybody was told just now, and who waits with more.
     announced: Announced,
@@ -163,6 +164,7 @@ pub struct ServerCore {
 impl ServerCore {
     /// A hub with nobody connected.
     pub fn new(settings: Settings, now: Instant) -> ServerCore {
+        let budget = Budget::default();
         let mut core = ServerCore {
             accounts: Accounts::new(settings.token.as_ref()),
             settings,
@@ -172,14 +174,15 @@ impl ServerCore {
             selected: Selected::default(),
             storing: Storing::default(),
             filing: Filing::default(),
+            asked: None,
             work: VecDeque::new(),
             dirty: Vec::new(),
             notices: VecDeque::new(),
             to_close: VecDeque::new(),
             ended: Counts::default(),
-            budget: Budget::default(),
+            unfinished: budget.part(UNFINISHED_BYTES_MAX_IN_ALL),
+            budget,
             kept: 0,
-            unfinished: HeldBytes::default(),
             sessions: Sessions::default(),
             udp: Udp::default(),
             addresses: Addresses::default(),
@@ -189,7 +192,7 @@ impl ServerCore {
             newcomers: VecDeque::new(),
             late_fragments: 0,
             requests: Requests::default(),
-            serving: BTreeSet::new(),
+            serving: BTreeMap::new(),
             unmatched_answers: 0,
             announced: Announced::default(),
             clocks: BTreeMap::new(),
@@ -226,7 +229,9 @@ impl ServerCore {
             self.evict();
         }
         self.databases.stir(&nonce);
-        let id = self.connections.add(Connection::new(origin, nonce, now, &self.unfinished));
+        let id = self
+            .connections
+            .add(Connection::new(origin, nonce, now, self.unfinished.clone()));
         self.waiting += 1;
         while let Some(first) = self.newcomers.front()
             && !self.connections.get(*first).is_some_and(is_waiting)
@@ -369,7 +374,15 @@ impl ServerCore {
         sum
     }
 
-    /// How many bytes wait for all connections or are kept, shared payloads counted once.
+    /// Lets this hub hold no more bytes than that for all connections together, and half of it of unfinished
+    /// messages; 256 MiB are what it may hold otherwise.
+    pub fn narrow_bytes(&mut self, bytes_max: usize) {
+        self.budget.narrow(bytes_max);
+        self.unfinished.narrow(bytes_max / 2);
+    }
+
+    /// How many bytes wait for all connections, are kept, or are held of unfinished messages, requests and
+    /// answers, shared payloads counted once.
     pub fn bytes_waiting(&self) -> usize {
         self.budget.used()
     }
@@ -396,11 +409,6 @@ impl ServerCore {
 
     fn answer(&mut self, id: ConnectionId, tag: u32, event: &Event) {
         self.send(id, event.encode(tag, Flags::NONE));
-    }
-
-    fn refuse(&mut self, id: ConnectionId, tag: u32, code: RefusalCode) {
-        assert!(!is_planted(Bug::PanicAtRefusal), "a bug was planted here");
-        self.answer(id, tag, &Event::Refused { code: code.code(), text: code.to_string() });
     }
 
     fn mark_dirty(&mut self, id: ConnectionId) {

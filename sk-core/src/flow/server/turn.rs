@@ -2,7 +2,7 @@
 
 use super::super::definition::{Encoded, Tagged};
 use super::super::error::{ProtocolError, RefusalCode};
-use super::super::limits::TURN_COST_MAX;
+use super::super::limits::{FRAGMENT_BYTES_MAX, TURN_COST_MAX};
 use super::super::scram::Verifier;
 use super::super::{ChannelKind, Command, Event, Flags, Message};
 use super::blobs::UploadPiece;
@@ -84,7 +84,10 @@ impl ServerCore {
                         return self.pace(id, tagged);
                     }
                     let cost = tagged.message.definition().cost;
-                    if let Err(error) = self.dispatch(id, tagged) {
+                    self.asked = Some(tagged.message.definition().name);
+                    let done = self.dispatch(id, tagged);
+                    self.asked = None;
+                    if let Err(error) = done {
                         return self.kill(id, error);
                     }
                     if cost >= budget {
@@ -104,6 +107,13 @@ impl ServerCore {
         if !connection.rights.has(message.definition().right) && !is_planted(Bug::RightsSkipped) {
             self.refuse_once(id, tag, flags, &message, RefusalCode::Denied);
             return Ok(());
+        }
+        // A whole message finds room, or none, with those who hear it.
+        let held = message.definition().fragment
+            && !(flags == Flags::WHOLE && matches!(message, Command::Publish { .. }));
+        if held && !self.budget.has_room_for(FRAGMENT_BYTES_MAX) {
+            // Who does not read what waits for him is not to keep others from sending.
+            self.make_room();
         }
         match message {
             Command::Hello { magic, version, version_oldest, fragment_bytes, message_bytes, nonce } => {

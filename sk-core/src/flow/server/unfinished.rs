@@ -1,32 +1,28 @@
-//! Unfinished messages of all connections together: how much they may hold, and who gives way.
+//! Unfinished messages of all connections together: who gives way when they hold as much as they may.
 
-use super::super::delivery::DropReason;
+use super::super::Flags;
+use super::super::delivery::{DropReason, charge_of};
 use super::super::error::RefusalCode;
-use super::super::limits::HUB_UNFINISHED_BYTES_MAX;
 use super::connection::Connection;
 use super::connection::incoming::Incoming;
 use super::services::requests::RequestId;
 use super::{ConnectionId, ServerCore};
-use std::cmp::Reverse;
-
-/// What is to be left at the limit, so that it need not be looked for each time.
-const BYTES_LEFT: usize = HUB_UNFINISHED_BYTES_MAX / 16 * 15;
 
 impl ServerCore {
-    /// If unfinished messages hold too much in all, those who hold most give theirs up: who sends his messages to
-    /// their end is not punished for those who begin and do not end.
-    pub(super) fn bound_unfinished(&mut self) {
-        if self.unfinished.get() <= HUB_UNFINISHED_BYTES_MAX {
+    /// Before a fragment of this connection is kept: if there is no room for it in all, whoever holds most gives all
+    /// of his up, unless this one holds nearly as much. So who sends his messages to their end is not shut out by
+    /// those who begin and do not end.
+    pub(super) fn make_room_for_fragment(&mut self, id: ConnectionId, flags: Flags, bytes: usize) {
+        let charge = charge_of(bytes, 1);
+        if flags == Flags::WHOLE || self.unfinished.has_room_for(charge) {
             return;
         }
+        let own = self.connections.get(id).map_or(0, held_by);
         let held = self.connections.iter().map(|(id, connection)| (held_by(connection), id));
-        let mut heavy: Vec<(usize, ConnectionId)> = held.filter(|(bytes, _)| *bytes > 0).collect();
-        heavy.sort_unstable_by_key(|(bytes, id)| (Reverse(*bytes), *id));
-        for (_, id) in heavy {
-            if self.unfinished.get() <= BYTES_LEFT {
-                return;
-            }
-            self.give_up_unfinished(id);
+        if let Some((most, heaviest)) = held.max()
+            && most > 2 * (own + charge)
+        {
+            self.give_up_unfinished(heaviest);
         }
     }
 

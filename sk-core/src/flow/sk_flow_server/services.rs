@@ -165,8 +165,8 @@ impl Handle<SkFlowServer> {
     }
 
     /// Whether the connection of this id, such as that of a request's [asker](Request::asker), has a right for this
-    /// name: for services of the hub's own that not everybody who may call is to use.
+    /// name: for services of the hub's own that not everybody who may call is to use for everything.
     pub fn may(self, cx: &mut Cx, connection: u64, right: Right, name: &str) -> bool {
-        cx.with(self, |server, _| server.core.permits(connection, right, name)) == Ok(true)
+        cx.with(self, |server, _| server.core.has_right(connection, right, name)) == Ok(true)
     }
 }

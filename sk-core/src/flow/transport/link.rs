@@ -62,6 +62,12 @@ pub(crate) trait Link {
     /// Writes what there is. `More`: the peer would take more than one round's share.
     fn write(&mut self, cx: &mut Cx, core: &mut dyn Core) -> Turn;
 
+    /// Why the link is over, if it is by a fault: `InvalidData` says that the other end answered, and cannot be
+    /// talked to.
+    fn fault(&mut self) -> Option<io::Error> {
+        None
+    }
+
     /// The end: nothing more will be written.
     fn close(self: Box<Self>, cx: &mut Cx);
 }

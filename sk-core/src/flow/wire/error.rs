@@ -122,7 +122,7 @@ codes! {
     RefusalCode {
         /// The account has no right to do this.
         Denied = 1,
-        /// A channel of this name exists.
+        /// There is one already: a channel, a flow or a database of this name, or a watch with this tag.
         Exists = 2,
         /// There is no channel with this identifier and epoch.
         Gone = 3,

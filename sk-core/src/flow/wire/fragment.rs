@@ -1,6 +1,7 @@
 //! Messages in pieces: cutting one into fragments, and gathering fragments of many channels at once.
 
 use super::super::limits::{ITEM_OVERHEAD_BYTES, SHARED_PAYLOAD_BYTES_MIN, UNFINISHED_BYTES_MAX};
+use super::budget::{Budget, Charge};
 use super::codec::ChannelRef;
 use super::error::ProtocolError;
 use super::frame::Flags;
@@ -8,8 +9,6 @@ use crate::testing::{Bug, is_planted};
 use bytes::{Bytes, BytesMut};
 use rustc_hash::FxHashMap;
 use smallvec::{SmallVec, smallvec};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// The payloads of a message's fragments, in order. Most messages have one.
 pub type Pieces = SmallVec<[Bytes; 1]>;
@@ -54,75 +53,36 @@ pub enum Gathered {
     Ignored,
 }
 
-/// What the unfinished messages of many connections hold together. A clone counts into the same sum.
-#[derive(Clone, Debug, Default)]
-pub struct HeldBytes(Arc<AtomicUsize>);
-
-impl HeldBytes {
-    /// What is held now.
-    pub fn get(&self) -> usize {
-        self.0.load(Ordering::Relaxed)
-    }
-}
-
-/// What one connection holds of it.
-#[derive(Debug, Default)]
-struct Share {
-    bytes: usize,
-    all: HeldBytes,
-}
-
-impl Share {
-    fn hold(&mut self, bytes: usize) {
-        self.bytes += bytes;
-        self.all.0.fetch_add(bytes, Ordering::Relaxed);
-    }
-
-    fn release(&mut self, bytes: usize) {
-        self.bytes -= bytes;
-        self.all.0.fetch_sub(bytes, Ordering::Relaxed);
-    }
-}
-
-impl Drop for Share {
-    fn drop(&mut self) {
-        self.release(self.bytes);
-    }
-}
-
 /// The unfinished messages of one connection, at most one for each key: a channel, or the tag of a call.
 ///
-/// Small pieces are copied out of the receive buffer, so that what is charged is what is held.
+/// Small pieces are copied out of the receive buffer, so that what is charged is what is held. It is charged to a
+/// budget that others may share.
 #[derive(Debug)]
 pub struct Gathering<K = ChannelRef> {
     unfinished: FxHashMap<K, Unfinished>,
-    share: Share,
+    bytes: usize,
+    shared: Budget,
 }
 
 #[derive(Debug)]
 struct Unfinished {
     message: u32,
     length: usize,
-    charged: usize,
+    charged: Charge,
     /// `None` once the message was given up.
     pieces: Option<Pieces>,
 }
 
 impl<K> Default for Gathering<K> {
     fn default() -> Self {
-        Gathering::counted_in(&HeldBytes::default())
+        Gathering::charged_to(Budget::default())
     }
 }
 
 impl<K> Gathering<K> {
-    /// One with nothing in it. What it will hold counts into this sum too.
-    pub fn counted_in(all: &HeldBytes) -> Gathering<K> {
-        Gathering { unfinished: FxHashMap::default(), share: Share { bytes: 0, all: all.clone() } }
-    }
-
-    /// What is held and charged.
-    pub fn bytes(&self) -> usize {
-        self.share.bytes
+    /// One whose bytes count into a budget with those of others.
+    pub fn charged_to(shared: Budget) -> Gathering<K> {
+        Gathering { unfinished: FxHashMap::default(), bytes: 0, shared }
     }
 }
 
@@ -163,7 +123,8 @@ impl<K: Copy + Eq + std::hash::Hash> Gathering<K> {
                     Ok(Gathered::Whole(smallvec![payload]))
                 };
             }
-            let begun = Unfinished { message, length: 0, charged: 0, pieces: Some(Pieces::new()) };
+            let charged = self.shared.charge(0);
+            let begun = Unfinished { message, length: 0, charged, pieces: Some(Pieces::new()) };
             self.unfinished.insert(channel, begun);
         }
         self.continue_message(channel, message, flags, payload, bytes_max)
@@ -188,14 +149,15 @@ impl<K: Copy + Eq + std::hash::Hash> Gathering<K> {
         let mut outcome = Gathered::More;
         match &mut found.pieces {
             None => outcome = Gathered::Ignored,
-            Some(_) if self.share.bytes + charge > UNFINISHED_BYTES_MAX => {
-                self.share.release(std::mem::take(&mut found.charged));
+            Some(_) if self.bytes + charge > UNFINISHED_BYTES_MAX || !self.shared.has_room_for(charge) => {
+                self.bytes -= found.charged.bytes();
+                found.charged = self.shared.charge(0);
                 found.pieces = None;
                 outcome = Gathered::Overfull;
             }
             Some(pieces) => {
-                self.share.hold(charge);
-                found.charged += charge;
+                self.bytes += charge;
+                found.charged.add(charge);
                 let start = usize::from(is_planted(Bug::ByteLost) && payload.len() > 1);
                 pieces.push(owned_if_small(payload.slice(start..)));
             }
@@ -203,7 +165,7 @@ impl<K: Copy + Eq + std::hash::Hash> Gathering<K> {
         if flags.has(Flags::LAST)
             && let Some(ended) = self.unfinished.remove(&channel)
         {
-            self.share.release(ended.charged);
+            self.bytes -= ended.charged.bytes();
             if let Some(pieces) = ended.pieces {
                 return Ok(Gathered::Whole(pieces));
             }
@@ -214,7 +176,7 @@ impl<K: Copy + Eq + std::hash::Hash> Gathering<K> {
     /// Forgets what is unfinished on a channel; says whether a message was held.
     pub fn forget(&mut self, channel: K) -> bool {
         self.unfinished.remove(&channel).is_some_and(|ended| {
-            self.share.release(ended.charged);
+            self.bytes -= ended.charged.bytes();
             ended.pieces.is_some()
         })
     }
@@ -228,12 +190,18 @@ impl<K: Copy + Eq + std::hash::Hash> Gathering<K> {
         let mut given_up = Vec::new();
         for (key, unfinished) in &mut self.unfinished {
             if unfinished.pieces.take().is_some() {
-                self.share.release(std::mem::take(&mut unfinished.charged));
+                self.bytes -= unfinished.charged.bytes();
+                unfinished.charged = self.shared.charge(0);
                 given_up.push(*key);
             }
         }
         given_up.sort_unstable();
         given_up
+    }
+
+    /// What is held and charged.
+    pub fn bytes(&self) -> usize {
+        self.bytes
     }
 }
 
@@ -317,20 +285,17 @@ mod tests {
     }
 
     #[test]
-    fn what_many_hold_is_one_sum_and_who_gives_up_or_goes_holds_nothing() {
-        let sum = HeldBytes::default();
-        let [mut one, mut two] = [(); 2].map(|()| Gathering::counted_in(&sum));
+    fn what_is_given_up_is_held_no_more_and_the_rest_of_it_ignored() {
+        let budget = Budget::default();
+        let mut all = Gathering::charged_to(budget.clone());
         for channel in [B, A] {
-            assert_eq!(one.take(channel, 1, Flags::FIRST, bytes("one"), 99), Ok(Gathered::More));
+            assert_eq!(all.take(channel, 1, Flags::FIRST, bytes("one"), 99), Ok(Gathered::More));
         }
-        assert_eq!(two.take(A, 1, Flags::FIRST, bytes("two"), 99), Ok(Gathered::More));
-        assert_eq!((one.bytes() + two.bytes(), sum.get()), (sum.get(), 3 * (3 + ITEM_OVERHEAD_BYTES)));
-        assert_eq!(one.give_up(), [A, B]);
-        assert_eq!((one.give_up(), one.bytes(), sum.get()), (vec![], 0, two.bytes()));
-        assert_eq!(one.take(A, 1, Flags::LAST, bytes("!"), 99), Ok(Gathered::Ignored));
-        assert_eq!(one.take(A, 2, Flags::WHOLE, bytes("?"), 99), Ok(Gathered::Whole(smallvec![bytes("?")])));
-        drop(two);
-        assert_eq!(sum.get(), 0);
+        assert_eq!((all.bytes(), budget.used()), (budget.used(), 2 * (3 + ITEM_OVERHEAD_BYTES)));
+        assert_eq!(all.give_up(), [A, B]);
+        assert_eq!((all.give_up(), all.bytes(), budget.used()), (vec![], 0, 0));
+        assert_eq!(all.take(A, 1, Flags::LAST, bytes("!"), 99), Ok(Gathered::Ignored));
+        assert_eq!(all.take(A, 2, Flags::WHOLE, bytes("?"), 99), Ok(Gathered::Whole(smallvec![bytes("?")])));
     }
 
     #[test]

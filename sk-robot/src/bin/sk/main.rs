@@ -18,6 +18,7 @@ mod names;
 mod output;
 mod password;
 mod publish;
+mod pulse;
 mod session;
 mod table;
 mod user;

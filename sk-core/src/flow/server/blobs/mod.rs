@@ -234,6 +234,7 @@ impl ServerCore {
             self.late_fragments += 1;
             return Ok(());
         }
+        self.make_room_for_fragment(id, flags, piece.payload.len());
         let Some(connection) = self.connections.get_mut(id) else { return Ok(()) };
         let bytes_max = connection.inbound.message_bytes_max();
         let gathered =
@@ -242,10 +243,7 @@ impl ServerCore {
                 .take(Incoming::Upload(tag), tag, flags, piece.payload, bytes_max)?;
         let writing = &mut connection.blobs.writing;
         match gathered {
-            Gathered::More => {
-                writing.insert(tag);
-                self.bound_unfinished();
-            }
+            Gathered::More => drop(writing.insert(tag)),
             Gathered::Ignored => {}
             Gathered::Aborted => drop(writing.remove(&tag)),
             Gathered::Overfull => self.give_up_piece(id, tag),

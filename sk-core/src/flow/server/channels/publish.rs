@@ -47,6 +47,7 @@ impl ServerCore {
             }
             Admitted::StillNot => return Ok(()),
         }
+        self.make_room_for_fragment(id, flags, payload.len());
         let Some(connection) = self.connections.get_mut(id) else { return Ok(()) };
         let bytes_max = connection.inbound.message_bytes_max();
         let gathered =
@@ -89,8 +90,7 @@ impl ServerCore {
         gathered: Gathered,
     ) {
         match gathered {
-            Gathered::More => self.bound_unfinished(),
-            Gathered::Ignored => {}
+            Gathered::More | Gathered::Ignored => {}
             // The owner may have sent this before it attached the channel to another one.
             Gathered::Whole(_) if self.is_attached(channel) => self.refuse(id, tag, RefusalCode::Attached),
             Gathered::Whole(pieces) => self.fan_out(channel, message, pieces),

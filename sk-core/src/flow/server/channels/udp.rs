@@ -222,6 +222,7 @@ impl ServerCore {
             }
             _ => return self.turn_away(id, tag, flags, known.map(|(owner, kind, _)| (owner, kind))),
         }
+        self.make_room_for_fragment(id, flags, payload.len());
         let Some(connection) = self.connections.get_mut(id) else { return };
         let bytes_max = connection.inbound.message_bytes_max();
         let Some(udp) = connection.udp.as_deref_mut() else { return };
@@ -271,7 +272,7 @@ impl ServerCore {
             connection.udp = Some(Box::new(UdpSession {
                 session,
                 reader: DatagramReader::new(session, DatagramKey::new(key)),
-                gathering: Gathering::counted_in(&self.unfinished),
+                gathering: Gathering::charged_to(self.unfinished.clone()),
                 lanes: FxHashMap::default(),
             }));
         }

@@ -11,8 +11,9 @@ pub(super) mod telling;
 
 use super::super::channel::outgoing::Begun;
 use super::super::definition::{Encoded, Tagged};
+use super::super::delivery::Budget;
 use super::super::error::{ClosingReason, ProtocolError};
-use super::super::fragment::{Gathering, HeldBytes};
+use super::super::fragment::Gathering;
 use super::super::inbound::Inbound;
 use super::super::login::Nonce;
 use super::super::scram::ServerExchange;
@@ -94,8 +95,7 @@ impl Connection {
         matches!(self.origin, Origin::Inside { .. })
     }
 
-    /// One that has just been made; what its unfinished messages hold counts into `unfinished` too.
-    pub(super) fn new(origin: Origin, hub_nonce: Nonce, now: Instant, unfinished: &HeldBytes) -> Connection {
+    pub(super) fn new(origin: Origin, hub_nonce: Nonce, now: Instant, unfinished: Budget) -> Connection {
         Connection {
             origin,
             inbound: Inbound::new(),
@@ -110,7 +110,7 @@ impl Connection {
             session: [0; 16],
             resumed: false,
             form: Form::Binary,
-            gathering: Gathering::counted_in(unfinished),
+            gathering: Gathering::charged_to(unfinished),
             udp: None,
             calls: BTreeMap::new(),
             serving: BTreeSet::new(),

@@ -2,7 +2,7 @@
 
 use super::talk::{Talk, TalkKey, Talks};
 use crate::flow::definition::Encoded;
-use crate::flow::delivery::{Book, Budget, Counts, DropReason, Offered, Outgoing};
+use crate::flow::delivery::{Book, Budget, Charge, Counts, DropReason, Offered, Outgoing};
 use crate::flow::limits::{
     CONNECTION_BYTES_MAX, CONTROL_BYTES_MAX, FRAGMENT_BYTES_MAX, ITEM_OVERHEAD_BYTES, MESSAGE_BYTES_MAX,
     WIRE_BYTES_AHEAD,
@@ -14,7 +14,7 @@ use slab::Slab;
 use std::collections::VecDeque;
 
 /// What is to be noted when the transport has taken a frame.
-#[derive(Clone, Copy, Debug)]
+#[derive(Debug)]
 pub(in super::super) enum Note {
     Nothing,
     /// The frame ended a message of this subscription.
@@ -24,7 +24,7 @@ pub(in super::super) enum Note {
     },
     /// The frame ended a message of a service's, which was charged this.
     EndsTalk {
-        charge: usize,
+        charge: Charge,
     },
 }
 
@@ -255,9 +255,9 @@ impl Output {
         offered != Offered::Broken
     }
 
-    /// Queues a request or a reply; `false` if the connection has as many bytes waiting as it may.
+    /// Queues a request or a reply; `false` if the connection, or the hub for all, has as many bytes waiting as it may.
     pub(in super::super) fn talk(&mut self, talk: Talk) -> bool {
-        if talk.charge() > self.room() {
+        if talk.charge() > self.room() || talk.is_too_much() {
             return false;
         }
         self.bytes += talk.charge();
@@ -438,8 +438,8 @@ fn ended(
     credit_due: &mut Vec<ChannelRef>,
     note: Note,
 ) {
-    if let Note::EndsTalk { charge } = note {
-        *bytes -= charge;
+    if let Note::EndsTalk { charge } = &note {
+        *bytes -= charge.bytes();
     }
     if let Note::EndsMessage { slot, serial } = note
         && let Some(subscription) = subscriptions.get_mut(slot)

@@ -6,6 +6,11 @@ use crate::flow::delivery::Counts;
 use std::ops::Range;
 
 impl ServerCore {
+    /// Every connection that is open.
+    pub fn connection_ids(&self) -> impl Iterator<Item = ConnectionId> + '_ {
+        self.connections.iter().map(|(id, _)| id)
+    }
+
     /// Every live subscription: its connection, its channel and its counts.
     pub fn subscriptions(&self) -> impl Iterator<Item = (ConnectionId, ChannelRef, &Counts)> {
         self.connections.iter().flat_map(|(id, connection)| {

@@ -7,16 +7,21 @@ use super::super::channel::{Channel, Owner};
 use super::super::error::RefusalCode;
 use super::super::limits;
 use super::super::report::{
-    ChannelReport, CountsReport, CreditReport, FlowReport, FlowsReport, GraphChannel, GraphReport, HubReport,
-    SubscriberReport,
+    ChannelReport, CountsReport, CreditReport, DatagramsReport, FlowReport, FlowsReport, GraphChannel,
+    GraphReport, HubReport, SubscriberReport,
 };
 use super::super::{ChannelRef, Event, Form, Right, Value};
 use super::channels::audience::{Subscriber, Subscribers};
-use super::{ConnectionId, ServerCore};
+use super::{ConnectionId, DatagramCounts, ServerCore};
 use sk_flat::{IntoVariant, Name, SkVariant};
 
 /// How many entries one answer lists. What is beyond is counted.
 const ENTRIES_MAX: usize = 1000;
+
+fn datagrams(port: u16, counts: DatagramCounts) -> DatagramsReport {
+    let DatagramCounts { taken, unknown, forged, replayed, malformed } = counts;
+    DatagramsReport { port, taken, unknown, forged, replayed, malformed }
+}
 
 impl ServerCore {
     pub(super) fn inspect(&mut self, id: ConnectionId, tag: u32, subject: &str, form: Form) {
@@ -91,6 +96,7 @@ impl ServerCore {
             bytes_kept: self.kept as u64,
             spurious: self.spurious,
             late_fragments: self.late_fragments,
+            datagrams: self.udp_port().map(|port| datagrams(port, self.datagram_counts())),
             limits: [
                 ("connections", limits::CONNECTIONS_MAX as u64),
                 ("connections without login", limits::UNAUTHENTICATED_MAX as u64),
@@ -98,7 +104,7 @@ impl ServerCore {
                 ("channels of a flow", limits::CHANNELS_PER_FLOW_MAX as u64),
                 ("subscriptions of a flow", limits::SUBSCRIPTIONS_PER_FLOW_MAX as u64),
                 ("bytes waiting for a connection", limits::CONNECTION_BYTES_MAX as u64),
-                ("bytes waiting in all", limits::HUB_BYTES_MAX as u64),
+                ("bytes waiting in all", self.budget.max() as u64),
                 ("bytes of a message", limits::MESSAGE_BYTES_MAX as u64),
             ]
             .map(named)

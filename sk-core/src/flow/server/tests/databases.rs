@@ -406,7 +406,7 @@ fn nothing_is_kept_of_what_somebody_had_selected_who_left_or_had_it_taken_away()
             assert_eq!(selected, [Event::DatabaseSelected { database: name.into() }]);
         }
     }
-    assert_eq!(hub.selected.len(), 1, "each has one");
+    assert_eq!(hub.selected.len(), 3, "each has one");
     raws[0].ask(&mut hub, &Command::DbSelect { database: "none".into() });
     hub.left(raws[1].id, at(0));
     owner.ask(&mut hub, &Command::DbRemove { database: "arm".into() });

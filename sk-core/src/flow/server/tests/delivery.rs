@@ -222,14 +222,14 @@ fn when_unfinished_messages_hold_too_much_in_all_those_give_way_who_hold_most() 
     listener.subscribe(&mut hub, light);
     send(&mut hub, &honest, light, Flags::FIRST);
     let many = MESSAGE_BYTES_MAX / FRAGMENT_BYTES_MAX - 8;
-    let mut hoarders: Vec<Raw> = (0..HUB_UNFINISHED_BYTES_MAX / UNFINISHED_BYTES_MAX + 1)
+    let mut hoarders: Vec<Raw> = (0..UNFINISHED_BYTES_MAX_IN_ALL / UNFINISHED_BYTES_MAX + 1)
         .map(|index| {
             let mut raw = Raw::flow(&mut hub, OWNER);
             for half in ["left", "right"] {
                 let channel = raw.create(&mut hub, &format!("heavy{index}.{half}"));
                 send(&mut hub, &raw, channel, Flags::FIRST);
                 (1..many).for_each(|_| send(&mut hub, &raw, channel, Flags::NONE));
-                assert!(hub.unfinished.get() <= HUB_UNFINISHED_BYTES_MAX);
+                assert!(hub.unfinished.used() <= UNFINISHED_BYTES_MAX_IN_ALL);
             }
             raw
         })
@@ -243,5 +243,5 @@ fn when_unfinished_messages_hold_too_much_in_all_those_give_way_who_hold_most() 
     for raw in &hoarders {
         hub.left(raw.id, at(0));
     }
-    assert_eq!((hub.unfinished.get(), hub.spurious()), (0, 0));
+    assert_eq!((hub.unfinished.used(), hub.spurious()), (0, 0));
 }

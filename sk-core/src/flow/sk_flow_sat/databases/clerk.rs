@@ -216,6 +216,25 @@ impl Clerk {
         }
     }
 
+    /// The same for this connection too, if it is something new. What finds no room is told with the next.
+    pub(in super::super) fn tell(
+        &mut self,
+        core: Option<&mut SatelliteCore>,
+        key: &str,
+        variant: &SkVariant,
+    ) {
+        let Ok(value) = Value::new(variant) else { return };
+        if self.own.get(key).is_some_and(|known| known.encoded() == value.encoded()) {
+            return;
+        }
+        self.own.insert(key.to_owned(), value.clone());
+        let core = core.filter(|core| core.is_ready());
+        if core.is_some() && self.waiting.len() + self.sent.len() < COMMANDS_WAITING_MAX {
+            self.waiting.push_back((OWN.into(), Order::Tell(key.to_owned(), value)));
+            self.go_on(core);
+        }
+    }
+
     /// A hub is there again: what was created and watched is so again, and what waited goes.
     pub(in super::super) fn restore(&mut self, core: &mut SatelliteCore) {
         let names: Vec<Rc<str>> = self.entries.keys().cloned().collect();

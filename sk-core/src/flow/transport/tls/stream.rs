@@ -3,7 +3,7 @@
 use super::settings::{TlsError, TlsIdentity, TlsTrust};
 use crate::world::{Endpoint, Stream};
 use rustls::pki_types::ServerName;
-use rustls::{ClientConnection, Connection, ServerConnection};
+use rustls::{CertificateError, ClientConnection, Connection, ServerConnection};
 use std::io::{self, ErrorKind, IoSlice, Read, Write};
 use std::net::IpAddr;
 
@@ -72,7 +72,7 @@ impl TlsStream {
         if let Err(error) = self.tls.process_new_packets() {
             // The peer hears why, if it takes anything.
             let _ = self.push();
-            return Err(io::Error::new(ErrorKind::InvalidData, error));
+            return Err(io::Error::new(ErrorKind::InvalidData, in_words(&error)));
         }
         Ok(count > 0)
     }
@@ -83,6 +83,19 @@ impl TlsStream {
             self.tls.write_tls(&mut Below(&mut *self.below))?;
         }
         self.below.flush()
+    }
+}
+
+/// What went wrong, for who chose the address and what to trust there.
+fn in_words(error: &rustls::Error) -> String {
+    match error {
+        rustls::Error::InvalidCertificate(CertificateError::ApplicationVerificationFailure) => {
+            "its certificate has another fingerprint than the one that is trusted".to_owned()
+        }
+        rustls::Error::InvalidCertificate(why) => format!("its certificate is not trusted: {why}"),
+        rustls::Error::InvalidMessage(why) => format!("no TLS is spoken there: {why:?}"),
+        rustls::Error::AlertReceived(why) => format!("the other end refused the TLS handshake: {why:?}"),
+        other => other.to_string(),
     }
 }
 
