@@ -65,6 +65,16 @@ impl UdpSession {
         self.lanes.remove(&channel);
     }
 
+    /// What is held of unfinished messages.
+    pub(in super::super) fn bytes(&self) -> usize {
+        self.gathering.bytes()
+    }
+
+    /// Gives all of them up; answers their channels.
+    pub(in super::super) fn give_up(&mut self) -> Vec<ChannelRef> {
+        self.gathering.give_up()
+    }
+
     /// The place of a fragment in its channel. A message that is given up holds no bytes any more.
     fn place(&mut self, channel: ChannelRef, counter: u64, flags: Flags, message: u32) -> Place {
         let lane = self.lanes.entry(channel).or_default();
@@ -212,6 +222,7 @@ impl ServerCore {
             }
             _ => return self.turn_away(id, tag, flags, known.map(|(owner, kind, _)| (owner, kind))),
         }
+        self.make_room_for_fragment(id, flags, payload.len());
         let Some(connection) = self.connections.get_mut(id) else { return };
         let bytes_max = connection.inbound.message_bytes_max();
         let Some(udp) = connection.udp.as_deref_mut() else { return };
