@@ -127,7 +127,7 @@ fn a_rule_that_is_broken_is_told() {
 }
 
 /// A process that is started again while the hub takes its predecessor for alive: it is refused its own names for
-/// seconds, and has them afterwards.
+/// seconds, and has them afterwards, blob channels too.
 #[test]
 fn a_satellite_takes_its_names_when_the_hub_lets_its_predecessor_go() {
     for role in ["satellite tcp", "plain unix"] {
@@ -137,6 +137,9 @@ fn a_satellite_takes_its_names_when_the_hub_lets_its_predecessor_go() {
         );
         assert_eq!(run(&text.parse::<Script>().expect("a script")).complaint, None, "{role}");
     }
+    let filer = "seed 1\nnode 0 hub\nnode 3 filer tcp\nat 500.000ms n3 die vanished\nat 600.000ms n3 start\n\
+                 at 610.000ms n3 put 0 1 100\n";
+    assert_eq!(run(&filer.parse::<Script>().expect("a script")).complaint, None);
 }
 
 /// Databases are written, saved and watched while the hub dies in each way, with a disk that fails in between.

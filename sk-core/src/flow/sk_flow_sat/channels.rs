@@ -117,6 +117,7 @@ impl SkFlowSat {
         }
         self.services.open_if_missing(core, name);
         self.sync.open_if_missing(core, name);
+        self.porter.open_if_missing(core, name);
         self.flush_later(cx);
     }
 

@@ -188,6 +188,13 @@ impl Porter {
         }
     }
 
+    /// Asks for the blob channel of this name, if it is wanted and not there.
+    pub(in super::super) fn open_if_missing(&self, core: &mut SatelliteCore, name: &str) {
+        if let Some(own) = self.own.get(name).filter(|own| own.channel.is_none()) {
+            create(core, name, &own.properties);
+        }
+    }
+
     /// The hub is lost. Uploads and downloads go on with the next one; of commands nobody knows what became.
     pub(in super::super) fn lose(&mut self) {
         for own in self.own.values_mut() {
