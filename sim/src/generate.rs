@@ -326,13 +326,15 @@ impl Draw {
                 add(at_us, node, action);
             }
             Kind::Datagrams => {
-                add(at_us, node, Action::ByUdp(channel));
+                add(at_us, node, Action::Open(channel));
+                add(at_us + self.below(2_000), other, Action::Hear(node, channel, 0));
+                add(at_us + self.below(30_000), node, Action::ByUdp(channel));
                 let rate = |draw: &mut Draw| if draw.one_in(2) { draw.below(300) as u16 } else { 0 };
                 let (loss, twice, jitter) = (rate(self), rate(self), self.below(20_000) as u32);
                 add(at_us, node, Action::Lossy(loss, twice, jitter));
-                for _ in 0..1 + self.below(4) {
+                for _ in 0..1 + self.below(6) {
                     let (count, bytes) = (1 + self.below(8) as u16, 30 + self.below(4000) as u32);
-                    add(at_us + self.below(40_000), node, Action::Burst(channel, count, bytes));
+                    add(at_us + self.below(80_000), node, Action::Burst(channel, count, bytes));
                 }
                 add(later, node, Action::Mend);
             }

@@ -68,6 +68,7 @@ impl Follower {
         match action {
             Action::Follow(node, divisor) => {
                 self.clock = Some((format!("{USER}.{}", clock_name(node)), divisor));
+                self.pace.change(divisor);
                 self.follow();
             }
             Action::Late(us) => self.late = Duration::from_micros(us.into()),
@@ -84,7 +85,6 @@ impl Follower {
 
     fn follow(&mut self) {
         let (Some(core), Some((name, divisor))) = (&mut self.core, &self.clock) else { return };
-        self.pace = Pace::begin(*divisor);
         let divisor = match divisor {
             1 => Divisor::Every,
             2 => Divisor::Second,
@@ -148,6 +148,7 @@ impl Follower {
                     self.ready = true;
                     let connection = self.core.as_ref().map_or(0, SatelliteCore::connection);
                     ledger::with(|ledger| ledger.was_let_in(self.who, connection));
+                    self.pace = Pace::begin(self.clock.as_ref().map_or(1, |(_, divisor)| *divisor));
                     self.follow();
                     None
                 }
@@ -156,7 +157,10 @@ impl Follower {
                     self.plan(cx, channel, sequence);
                     wrong
                 }
-                SatelliteEvent::TickReport(report) if report.is_own => self.pace.told(report, left),
+                SatelliteEvent::TickReport(report) if report.is_own => {
+                    self.pace.told(report, left);
+                    None
+                }
                 SatelliteEvent::ChannelRemoved(info)
                     if self.clock.as_ref().is_some_and(|(name, _)| *name == info.name) =>
                 {
