@@ -220,6 +220,16 @@ impl Files {
     }
 }
 
+impl Files {
+    /// What somebody was sent of a place was not what had been announced. Answers what is wrong: nothing, if something
+    /// changed there meanwhile.
+    pub(crate) fn saw_pieces(&self, look: Look) -> Option<String> {
+        let (node, path) = look.spot;
+        let is_same = self.look(node, path).changes == look.changes;
+        is_same.then(|| format!("{path} of n{node} is not what it is said to be, and nobody changed it"))
+    }
+}
+
 /// The beginning of a look at a place.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Look {

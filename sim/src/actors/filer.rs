@@ -68,11 +68,11 @@ impl Filer {
                 self.orders.push_back(Change::Put(path(at), content));
             }
             Action::MakeFolder => self.orders.push_back(Change::MakeFolder(FOLDER_PATH)),
-            Action::Shift(from, to) if path(from) != path(to) => {
-                // With a folder all that stands in it would move.
-                if ![path(from), path(to)].contains(&FOLDER_PATH) {
-                    self.orders.push_back(Change::Move(path(from), path(to)));
-                }
+            // With a folder all that stands in it would move.
+            Action::Shift(from, to)
+                if path(from) != path(to) && ![path(from), path(to)].contains(&FOLDER_PATH) =>
+            {
+                self.orders.push_back(Change::Move(path(from), path(to)));
             }
             Action::Drop(at) => self.orders.push_back(Change::Remove(path(at))),
             Action::Fetch(node, at) => self.fetch(cx, node, path(at)),
@@ -253,6 +253,14 @@ impl Gatherer {
     }
 
     fn failed(&mut self, cx: &mut Cx, why: &str) {
+        if why.contains("replaced") {
+            ledger::with(|ledger| {
+                ledger.now = cx.clock_now();
+                if let Some(wrong) = ledger.files.saw_pieces(self.look) {
+                    ledger.complain(Rule::Files, wrong);
+                }
+            });
+        }
         let is_folder = why == RefusalCode::WrongPath.to_string();
         let sight = if is_folder { None } else { absence(why) };
         self.end(cx, sight);
