@@ -191,7 +191,12 @@ impl ServerCore {
         let Some((known, _)) = self.channels.get(channel) else { return };
         let known = known.clone();
         self.entity_began(DatabaseKind::Channel, &known.name, Entity::Channel(channel));
-        self.tell_flows(&known, asked, |tag, form| known.added(tag, form));
+        match asked {
+            Some((id, tag)) if is_planted(Bug::ChannelUntold) && channel.id % 3 == 0 => {
+                self.send(id, known.added(tag, Form::Binary));
+            }
+            _ => self.tell_flows(&known, asked, |tag, form| known.added(tag, form)),
+        }
         self.notices.push_back(Notice::ChannelAdded { channel, name: known.name });
     }
 

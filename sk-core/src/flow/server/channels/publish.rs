@@ -54,7 +54,13 @@ impl ServerCore {
             connection
                 .gathering
                 .take(Incoming::Publish(channel), message, flags, payload, bytes_max)?;
-        self.gathered(id, tag, (channel, message), gathered);
+        let is_overtaken = matches!(gathered, Gathered::Whole(_))
+            && connection.udp.as_deref_mut().is_some_and(|udp| !udp.takes(channel, message));
+        if is_overtaken {
+            self.drop_for_all(channel, DropReason::Aborted);
+        } else {
+            self.gathered(id, tag, (channel, message), gathered);
+        }
         if may_renew {
             self.renew_credit(channel);
         }
