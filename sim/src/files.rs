@@ -26,13 +26,13 @@ pub(crate) struct Content {
 }
 
 impl Content {
-    /// Its bytes.
+    /// Its bytes, of which there are at least [`BYTES_MIN`].
     pub(crate) fn make(self) -> Bytes {
-        let length = self.bytes.max(BYTES_MIN) as usize;
+        let length = self.bytes as usize;
         let mut made = BytesMut::with_capacity(length);
         made.put_u16_le(self.node);
         made.put_u16_le(self.version);
-        made.put_u32_le(self.bytes.max(BYTES_MIN));
+        made.put_u32_le(self.bytes);
         // No two pages of it are the same.
         let mut word = u32::from(self.node) << 16 | u32::from(self.version);
         while made.len() < length - CHECK_BYTES {
@@ -220,6 +220,16 @@ impl Files {
     }
 }
 
+impl Files {
+    /// What somebody was sent of a place was not what had been announced. Answers what is wrong: nothing, if something
+    /// changed there meanwhile.
+    pub(crate) fn saw_pieces(&self, look: Look) -> Option<String> {
+        let (node, path) = look.spot;
+        let is_same = self.look(node, path).changes == look.changes;
+        is_same.then(|| format!("{path} of n{node} is not what it is said to be, and nobody changed it"))
+    }
+}
+
 /// The beginning of a look at a place.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Look {
@@ -255,7 +265,7 @@ mod tests {
     fn a_content_is_known_by_all_of_its_bytes() {
         let made = content(5).make();
         assert_eq!((made.len(), Content::of(&made)), (1005, Some(content(5))));
-        assert_eq!(Content { bytes: 0, ..content(5) }.make().len(), BYTES_MIN as usize);
+        assert_eq!(Content { bytes: BYTES_MIN, ..content(5) }.make().len(), BYTES_MIN as usize);
         for at in 0..made.len() {
             let mut changed = made.to_vec();
             changed[at] ^= 1;

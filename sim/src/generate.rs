@@ -326,13 +326,15 @@ impl Draw {
                 add(at_us, node, action);
             }
             Kind::Datagrams => {
-                add(at_us, node, Action::ByUdp(channel));
+                add(at_us, node, Action::Open(channel));
+                add(at_us + self.below(2_000), other, Action::Hear(node, channel, 0));
+                add(at_us + self.below(30_000), node, Action::ByUdp(channel));
                 let rate = |draw: &mut Draw| if draw.one_in(2) { draw.below(300) as u16 } else { 0 };
                 let (loss, twice, jitter) = (rate(self), rate(self), self.below(20_000) as u32);
                 add(at_us, node, Action::Lossy(loss, twice, jitter));
-                for _ in 0..1 + self.below(4) {
+                for _ in 0..1 + self.below(6) {
                     let (count, bytes) = (1 + self.below(8) as u16, 30 + self.below(4000) as u32);
-                    add(at_us + self.below(40_000), node, Action::Burst(channel, count, bytes));
+                    add(at_us + self.below(80_000), node, Action::Burst(channel, count, bytes));
                 }
                 add(later, node, Action::Mend);
             }
@@ -483,14 +485,17 @@ impl Draw {
             3 => Action::Browse(whose),
             4 | 5 => Action::Fetch(whose, one),
             _ => {
-                let most = self.one_of(&[300, 9_000, 150_000, 700_000]);
+                let most = self.one_of(&[300, 9_000, 150_000, 900_000]);
                 let (version, bytes) = (self.below(4) as u16, self.below(most) as u32);
                 let dies = self.one_of(&[0, node]);
                 let may_die = kinds.contains(&if dies == 0 { Kind::HubDeaths } else { Kind::Deaths });
                 if may_die && self.one_in(2) {
-                    let within = 100 << self.below(7);
+                    let within = 100 << self.below(9);
                     let dies_us = at_us + self.below(within);
-                    self.death(steps, dies_us, dies);
+                    let how = self.one_of(&[Death::PowerCut, Death::PowerCut, Death::Killed]);
+                    steps.push(Step { at_us: dies_us, node: dies, action: Action::Die(how) });
+                    let after = dies_us + 1 + self.below(500_000);
+                    steps.push(Step { at_us: after, node: dies, action: Action::Start });
                     // The same again, so that it can go on.
                     let at_us = at_us + 600_000;
                     steps.push(Step { at_us, node, action: Action::Put(one, version, bytes) });

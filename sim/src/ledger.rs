@@ -121,11 +121,11 @@ impl Ledger {
         Stamp { origin, reference, sequence, at_ns: self.now.as_nanos() }
     }
 
-    /// The message with that stamp was accepted for sending.
-    pub(crate) fn was_published(&mut self, stamp: &Stamp) {
+    /// The message with that stamp was accepted: for sending, or to be kept until there is a hub.
+    pub(crate) fn was_published(&mut self, stamp: &Stamp, sent: bool) {
         self.published.insert(stamp.origin, stamp.sequence + 1);
         self.messages_published += 1;
-        if self.may_not_publish.contains(&stamp.origin.node) {
+        if sent && self.may_not_publish.contains(&stamp.origin.node) {
             let text = format!("n{} published without the right to", stamp.origin.node);
             self.complain(Rule::Rights, text);
         }

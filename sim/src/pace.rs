@@ -35,19 +35,48 @@ pub(crate) struct Pace {
     complete: usize,
     unsure: bool,
     reported: Option<TickReport>,
-    /// The distance of the last ticks, and since when it is the same.
-    stride: Option<(u64, Instant)>,
+    /// What is wrong with the last report, unless a tick came to be at the same moment.
+    verdict: Option<(Instant, Option<String>)>,
+    /// When the last tick left the hub.
+    ticked: Option<Instant>,
+    stride: Option<Stride>,
+}
+
+/// Ticks of the same distance.
+#[derive(Clone, Copy, Debug)]
+struct Stride {
+    distance: u64,
+    since: Instant,
+    until: Instant,
+    /// The hub has told it.
+    told: bool,
 }
 
 impl Pace {
-    /// A subscription begins, or its divisor is another one.
+    /// A subscription begins.
     pub(crate) fn begin(wish: u8) -> Pace {
         Pace { wish, unsure: true, ..Pace::default() }
+    }
+
+    /// Its divisor is another one from now on. What it has not answered is still to be answered.
+    pub(crate) fn change(&mut self, wish: u8) {
+        self.wish = wish;
+        self.unsure = true;
+        (self.last, self.stride) = (None, None);
     }
 
     /// A tick left the hub. Answers what is wrong.
     pub(crate) fn tick(&mut self, sequence: u64, left: Instant) -> Option<String> {
         self.arrived_before(left);
+        self.ticked = Some(left);
+        let untold = self.untold();
+        let wrong = match self.verdict.take() {
+            Some((told, _)) if told == left => {
+                self.unsure = true;
+                None
+            }
+            verdict => verdict.and_then(|(_, wrong)| wrong),
+        };
         if let Some(last) = self.last.replace(sequence) {
             let distance = sequence.saturating_sub(last);
             match u64::from(self.wish) {
@@ -58,8 +87,12 @@ impl Pace {
                     self.complete = if left_out > 0 { 0 } else { self.complete + 1 };
                 }
             }
-            if self.stride.is_none_or(|(stride, _)| stride != distance) {
-                self.stride = Some((distance, left));
+            match &mut self.stride {
+                Some(stride) if stride.distance == distance => stride.until = left,
+                stride => {
+                    let told = self.reported.is_some_and(|report| u64::from(report.divisor) == distance);
+                    *stride = Some(Stride { distance, since: left, until: left, told });
+                }
             }
         }
         if self.pending.replace(sequence).is_some() {
@@ -69,16 +102,17 @@ impl Pace {
             self.unanswered.pop_front();
         }
         self.unanswered.push_back((sequence, left));
-        self.untold(left)
+        wrong.or(untold)
     }
 
-    /// Ticks come by a divisor that the hub has not told for too long.
-    fn untold(&self, now: Instant) -> Option<String> {
-        let (stride, since) = self.stride.filter(|(stride, _)| matches!(stride, 1 | 2 | 4))?;
-        let told = self.reported.map_or(0, |report| u64::from(report.divisor));
-        let is_long = now.since(since) > UNTOLD_MAX;
-        (is_long && told != stride)
-            .then(|| format!("every tick of {stride} comes since {since}, and {told} was told"))
+    /// Ticks came by a divisor that the hub did not tell for too long. The newest tick does not count: it may be the first
+    /// by another divisor.
+    fn untold(&self) -> Option<String> {
+        let stride = self.stride.filter(|stride| matches!(stride.distance, 1 | 2 | 4))?;
+        let is_long = stride.until.since(stride.since) > UNTOLD_MAX;
+        (is_long && !stride.told).then(|| {
+            format!("every tick of {} came since {}, and that was not told", stride.distance, stride.since)
+        })
     }
 
     /// The answer to a tick arrives at the hub.
@@ -104,9 +138,20 @@ impl Pace {
         }
     }
 
-    /// The hub told how this follower keeps up, as it was when that left. Answers what is wrong with it.
-    pub(crate) fn told(&mut self, report: TickReport, left: Instant) -> Option<String> {
+    /// The hub told how this follower keeps up, as it was when that left. What is wrong with it is known at the next
+    /// tick.
+    pub(crate) fn told(&mut self, report: TickReport, left: Instant) {
         self.arrived_before(left);
+        self.unsure |= self.ticked == Some(left);
+        if let Some(stride) = &mut self.stride {
+            stride.told |= u64::from(report.divisor) == stride.distance;
+        }
+        let wrong = self.compare(report, left);
+        self.unsure = self.ticked == Some(left);
+        self.verdict = Some((left, wrong));
+    }
+
+    fn compare(&mut self, report: TickReport, left: Instant) -> Option<String> {
         let before = self.reported.replace(report);
         let (done, missed) = (std::mem::take(&mut self.done), std::mem::take(&mut self.missed));
         let perhaps = std::mem::take(&mut self.perhaps_missed);
@@ -154,10 +199,16 @@ mod tests {
         }
     }
 
+    /// What is wrong with a report, as the next tick shows it.
+    fn wrong(mut pace: Pace, report: TickReport, left: Instant) -> bool {
+        pace.told(report, left);
+        pace.tick(21, at(210_000)).is_some()
+    }
+
     /// A follower of ticks every 10 ms that is done after 1 ms, but for one that it is never done with.
     fn followed() -> Pace {
         let mut pace = Pace::begin(1);
-        assert_eq!(pace.told(report(5, 1, 0), at(1)), None, "where it begins");
+        pace.told(report(5, 1, 0), at(1));
         for sequence in 1..=20 {
             assert_eq!(pace.tick(sequence, at(sequence * 10_000)), None);
             if sequence != 3 {
@@ -169,11 +220,13 @@ mod tests {
 
     #[test]
     fn what_is_so_may_be_told_and_nothing_else() {
-        assert_eq!(followed().told(report(24, 2, 1000), at(205_000)), None);
-        for wrong in [report(23, 2, 1000), report(24, 1, 1000), report(24, 3, 1000), report(24, 2, 999)] {
-            assert!(followed().told(wrong, at(205_000)).is_some(), "{wrong:?}");
+        assert!(!wrong(followed(), report(24, 2, 1000), at(205_000)));
+        for told in [report(23, 2, 1000), report(24, 1, 1000), report(24, 3, 1000), report(24, 2, 999)] {
+            assert!(wrong(followed(), told, at(205_000)), "{told:?}");
         }
-        assert_eq!(followed().told(report(0, 0, 0), at(201_000)), None, "an answer came at that moment");
+        for moment in [at(200_000), at(201_000), at(210_000)] {
+            assert!(!wrong(followed(), report(0, 0, 0), moment), "something else happened at {moment}");
+        }
     }
 
     #[test]

@@ -321,7 +321,10 @@ impl<'a> Run<'a> {
             return Ok(());
         }
         let mut looks = vec![Action::Ask];
-        for filer in self.parts.with_role(|role| matches!(role, Role::Filer(_))) {
+        let filers = self.parts.with_role(|role| matches!(role, Role::Filer(_)));
+        let lives = |number: &u16| self.parts.all.get(number).is_some_and(|part| part.actor.is_some());
+        // The channel of one that is no more is not there to be looked at.
+        for filer in filers.into_iter().filter(lives) {
             looks.push(Action::Browse(filer));
             looks.extend((0..PATHS.len() as u8).map(|path| Action::Fetch(filer, path)));
         }

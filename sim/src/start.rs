@@ -81,12 +81,12 @@ pub(crate) fn is_narrow(script: &Script) -> bool {
 
 /// The identifiers of channels: just enough for all that are wanted at once, so that they are used again soon.
 fn channel_ids(script: &Script) -> Range<u16> {
-    let mut wanted = BTreeSet::new();
+    let filers = script.nodes.iter().filter(|(_, role)| matches!(role, Role::Filer(_)));
+    let mut wanted: BTreeSet<(u16, u8)> = filers.map(|(node, _)| (*node, FILES)).collect();
     for Step { node, action, .. } in &script.steps {
         match action {
             Action::Open(channel) => _ = wanted.insert((*node, *channel)),
             Action::Tick => _ = wanted.insert((*node, CLOCK)),
-            Action::Put(..) | Action::MakeFolder => _ = wanted.insert((*node, FILES)),
             Action::Serve => _ = wanted.insert((*node, SERVICE)),
             _ => {}
         }

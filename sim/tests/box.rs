@@ -31,20 +31,31 @@ fn every_script_can_be_written_down_and_read_again() {
     }
     let all = [
         "abort",
+        "browse",
         "burst",
+        "by-udp",
         "call",
         "close",
         "die",
         "disk",
+        "drop",
+        "fetch",
         "follow",
         "follow-no-more",
         "hear",
         "hear-all",
+        "home",
+        "late",
         "link",
         "load",
+        "lossy",
+        "make-folder",
         "mend",
         "open",
         "part",
+        "poll",
+        "poll-no-more",
+        "put",
         "quit",
         "refuse",
         "repeat",
@@ -53,8 +64,10 @@ fn every_script_can_be_written_down_and_read_again() {
         "rot",
         "save",
         "serve",
+        "shift",
         "slow",
         "start",
+        "stray",
         "tick",
         "tick-no-more",
         "unhear",
@@ -127,7 +140,7 @@ fn a_rule_that_is_broken_is_told() {
 }
 
 /// A process that is started again while the hub takes its predecessor for alive: it is refused its own names for
-/// seconds, and has them afterwards.
+/// seconds, and has them afterwards, blob channels too.
 #[test]
 fn a_satellite_takes_its_names_when_the_hub_lets_its_predecessor_go() {
     for role in ["satellite tcp", "plain unix"] {
@@ -136,6 +149,41 @@ fn a_satellite_takes_its_names_when_the_hub_lets_its_predecessor_go() {
              at 600.000ms n3 start\nat 610.000ms n3 open 0\n"
         );
         assert_eq!(run(&text.parse::<Script>().expect("a script")).complaint, None, "{role}");
+    }
+    let filer = "seed 1\nnode 0 hub\nnode 3 filer tcp\nat 500.000ms n3 die vanished\nat 600.000ms n3 start\n\
+                 at 610.000ms n3 put 0 1 100\n";
+    assert_eq!(run(&filer.parse::<Script>().expect("a script")).complaint, None);
+}
+
+/// An upload that a hub without power interrupts goes on where it was or begins anew, and what was acknowledged is there.
+#[test]
+fn an_upload_goes_on_after_the_end_of_the_hub_or_of_its_way() {
+    for (death, after_us) in
+        [("n0 die power-cut", 300), ("n0 die power-cut", 3000), ("n0 die killed", 900), ("n3 reset", 700)]
+    {
+        let text = format!(
+            "seed 3\nnode 0 hub\nnode 3 filer tcp\nnode 4 filer web\nat 40.000ms n3 put 0 1 9000\n\
+             at 60.000ms n3 put 1 2 900000\nat {}.{:03}ms {death}\nat 90.000ms n0 start\n\
+             at 400.000ms n4 fetch 3 0\nat 400.000ms n4 fetch 3 1\n",
+            60 + after_us / 1000,
+            after_us % 1000
+        );
+        assert_eq!(run(&text.parse::<Script>().expect("a script")).complaint, None, "{death} {after_us}");
+    }
+}
+
+/// A satellite that calls another hub than its own is let in by user id and not by a token, and either way it has all
+/// its own when it is back.
+#[test]
+fn a_satellite_that_mistakes_a_hub_for_another_does_no_harm_there() {
+    for way in ["tcp", "unix", "web"] {
+        let text = format!(
+            "seed 5\nnode 0 hub\nnode 3 satellite {way}\nnode 4 other-hub\nnode 5 guest {way} 4\n\
+             at 40.000ms n3 open 0\nat 40.000ms n5 open 1\nat 41.000ms n5 hear 5 1 0\nat 50.000ms n5 stray\n\
+             at 50.000ms n3 stray\nat 400.000ms n5 burst 1 3 99\nat 500.000ms n4 die killed\n\
+             at 600.000ms n4 start\nat 900.000ms n5 home\n"
+        );
+        assert_eq!(run(&text.parse::<Script>().expect("a script")).complaint, None, "{way}");
     }
 }
 

@@ -306,3 +306,26 @@ fn cx_ends(app: &mut SkApp, module: Handle<SkFlowSat>, server: Handle<SkFlowServ
     cx.destroy_later(module);
     server.shut_down(cx).unwrap();
 }
+
+#[test]
+fn whoever_watches_and_ceases_to_again_and_again_may_still_do_everything() {
+    let (simulation, mut app) = world(9);
+    let cx = app.cx();
+    start_hub(cx);
+    let satellite = SkFlowSat::connect(cx, &HubAddress::Unix(ADDRESS.into()));
+    let arm = satellite.database(cx, "arm").unwrap();
+    arm.create(cx, false);
+    simulation.run_for(&mut app, seconds(1));
+    for _ in 0..45 {
+        for _ in 0..100 {
+            arm.watch(app.cx(), "gain.");
+            arm.unwatch(app.cx(), "gain.");
+        }
+        simulation.run_for(&mut app, Duration::from_millis(50));
+    }
+    let cx = app.cx();
+    let listener = listen(cx, arm);
+    assert!(arm.set(cx, "x", 1), "nothing of 4,500 former watches stands in the way");
+    simulation.run_for(&mut app, seconds(1));
+    assert_eq!(app.cx().with(listener, |heard, _| heard.done.clone()), Ok(vec!["x".to_owned()]));
+}

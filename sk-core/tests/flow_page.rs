@@ -144,6 +144,7 @@ fn limits() -> Vec<(&'static str, String)> {
         ),
         ("watches of a flow", WATCHES_PER_FLOW_MAX.to_string()),
         ("changes of a flow that wait for the disk", UNSAVED_PER_FLOW_MAX.to_string()),
+        ("what they hold together", bytes(UNSAVED_BYTES_PER_FLOW_MAX)),
         ("downloads under way on one connection", BLOB_READS_PER_CONNECTION_MAX.to_string()),
         (
             "bytes of uploads of one connection that wait for the disk",
@@ -173,6 +174,7 @@ fn limits() -> Vec<(&'static str, String)> {
             format!("{CREDIT_BYTES} bytes"),
         ),
         ("waiting control frames of one connection", bytes(CONTROL_BYTES_MAX)),
+        ("connections of one account, but for the owner's", CONNECTIONS_PER_ACCOUNT_MAX.to_string()),
         ("connections of one address at once", CONNECTIONS_PER_ADDRESS_BURST.to_string()),
         ("and then each second", CONNECTIONS_PER_ADDRESS_PER_SECOND.to_string()),
         ("from opening to login", format!("{LOGIN_TIME_MAX:?}")),

@@ -5,7 +5,7 @@
 //! `stop` and `restart` do what they say. What is refused is declined in words. A module is commanded by who may
 //! administer `account.modules.NAME`; `list` answers those that the asker may command.
 
-use crate::config::hint;
+use crate::hint::hint;
 use sk_core::flow::{Request, Right, SkFlowServer};
 use sk_core::module::{
     ModuleError, ModuleOrder, ModuleState, ModuleStatus, ModuleSupervisor, Modules, ParameterInfo,

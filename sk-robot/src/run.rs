@@ -4,8 +4,9 @@ use crate::hub::{Hub, HubBuilder, HubError};
 use sk_core::prelude::*;
 use sk_core::world::OsSignal;
 
-/// What reliable streams have under way comes and goes many times a second: its memory stays.
-const FREED_BYTES_KEPT: usize = 16 * 1024 * 1024;
+/// How much freed memory stays with the process of a hub: what streams have under way comes and goes many times a second,
+/// and should find its pages again. See [`keep_freed_memory`](sk_core::eventloop::SkAppBuilder::keep_freed_memory).
+pub const FREED_BYTES_KEPT: usize = 16 * 1024 * 1024;
 
 /// Why a hub did not run.
 #[derive(Debug, thiserror::Error)]

@@ -28,12 +28,7 @@ pub(crate) struct Built {
 pub(crate) fn build(workspace: &Workspace, folder: &Path) -> Result<Built, Failure> {
     let bin = builders(&workspace.target)?;
     make_anew(folder)?;
-    process::run(
-        Command::new(bin.join("hatchling"))
-            .args(["build", "-d"])
-            .arg(folder)
-            .current_dir(workspace.root.join("python/pysketch")),
-    )?;
+    client(workspace, &bin, folder)?;
     process::run(
         Command::new(bin.join("maturin"))
             // Pips of old Pythons know of no newer kind of platform than plain Linux.
@@ -49,6 +44,24 @@ pub(crate) fn build(workspace: &Workspace, folder: &Path) -> Result<Built, Failu
         process::read(Command::new(bin.join("wheel")).args(tag).arg(wheel))?;
     }
     Ok(Built { wheels: files_of(folder, ".whl")?, sources: files_of(folder, ".tar.gz")? })
+}
+
+/// The client's source package, and its wheel out of that: so what it takes is in there.
+fn client(workspace: &Workspace, bin: &Path, folder: &Path) -> Result<(), Failure> {
+    let hatchling = |target: &str| {
+        let mut command = Command::new(bin.join("hatchling"));
+        command.args(["build", "-t", target, "-d"]).arg(folder);
+        command
+    };
+    process::run(hatchling("sdist").current_dir(workspace.root.join("python/pysketch")))?;
+    let unpacked = workspace.target.join("python-source");
+    make_anew(&unpacked)?;
+    std::fs::create_dir_all(&unpacked).map_err(|error| Failure::file(&unpacked, error))?;
+    for package in files_of(folder, ".tar.gz")? {
+        let strip = ["--strip-components", "1", "-xzf"];
+        process::run(Command::new("tar").args(strip).arg(package).current_dir(&unpacked))?;
+    }
+    process::run(hatchling("wheel").current_dir(&unpacked))
 }
 
 /// The programs that build, in an environment of their own.

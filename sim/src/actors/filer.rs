@@ -3,7 +3,7 @@
 //! It has one change of its channel under way at a time, so that it is known which one an answer is for.
 
 use crate::action::Action;
-use crate::files::{Change, Content, Look, PATHS, Sight, Thing, sight_of};
+use crate::files::{BYTES_MIN, Change, Content, Look, PATHS, Sight, Thing, sight_of};
 use crate::identity::Identity;
 use crate::ledger;
 use crate::rule::Rule;
@@ -63,15 +63,16 @@ impl Filer {
         let path = |number: u8| PATHS[usize::from(number) % PATHS.len()];
         match action {
             Action::Put(at, version, bytes) => {
+                let bytes = bytes.max(BYTES_MIN);
                 let content = Content { node: self.who.node, version, bytes };
                 self.orders.push_back(Change::Put(path(at), content));
             }
             Action::MakeFolder => self.orders.push_back(Change::MakeFolder(FOLDER_PATH)),
-            Action::Shift(from, to) if path(from) != path(to) => {
-                // With a folder all that stands in it would move.
-                if ![path(from), path(to)].contains(&FOLDER_PATH) {
-                    self.orders.push_back(Change::Move(path(from), path(to)));
-                }
+            // With a folder all that stands in it would move.
+            Action::Shift(from, to)
+                if path(from) != path(to) && ![path(from), path(to)].contains(&FOLDER_PATH) =>
+            {
+                self.orders.push_back(Change::Move(path(from), path(to)));
             }
             Action::Drop(at) => self.orders.push_back(Change::Remove(path(at))),
             Action::Fetch(node, at) => self.fetch(cx, node, path(at)),
@@ -88,7 +89,8 @@ impl Filer {
     /// What it still waits for, in words.
     pub(crate) fn unfinished(&self) -> Option<String> {
         let node = self.who.node;
-        let excused = ledger::with(|ledger| ledger.without_identifier.contains(&node));
+        // Nobody can look at the channel of one that got no identifier.
+        let excused = ledger::with(|ledger| !ledger.without_identifier.is_empty());
         let is_done = self.under_way.is_none() && self.orders.is_empty() && self.open_looks == 0;
         (!is_done && !excused).then(|| {
             format!("n{node}: {:?} and {} questions have no answer", self.under_way, self.open_looks)
@@ -251,6 +253,14 @@ impl Gatherer {
     }
 
     fn failed(&mut self, cx: &mut Cx, why: &str) {
+        if why.contains("replaced") {
+            ledger::with(|ledger| {
+                ledger.now = cx.clock_now();
+                if let Some(wrong) = ledger.files.saw_pieces(self.look) {
+                    ledger.complain(Rule::Files, wrong);
+                }
+            });
+        }
         let is_folder = why == RefusalCode::WrongPath.to_string();
         let sight = if is_folder { None } else { absence(why) };
         self.end(cx, sight);

@@ -68,6 +68,7 @@ impl Follower {
         match action {
             Action::Follow(node, divisor) => {
                 self.clock = Some((format!("{USER}.{}", clock_name(node)), divisor));
+                self.pace.change(divisor);
                 self.follow();
             }
             Action::Late(us) => self.late = Duration::from_micros(us.into()),
@@ -84,7 +85,6 @@ impl Follower {
 
     fn follow(&mut self) {
         let (Some(core), Some((name, divisor))) = (&mut self.core, &self.clock) else { return };
-        self.pace = Pace::begin(*divisor);
         let divisor = match divisor {
             1 => Divisor::Every,
             2 => Divisor::Second,
@@ -97,14 +97,11 @@ impl Follower {
 
     fn look(&mut self, cx: &mut Cx) {
         let now = cx.now();
-        match &mut self.core {
-            None if now >= self.connect_at => self.connect(cx),
-            None => {}
-            Some(core) => {
-                if core.tick(now).is_err() {
-                    return self.lose(cx);
-                }
-            }
+        if self.core.as_mut().is_some_and(|core| core.tick(now).is_err()) {
+            return self.lose(cx);
+        }
+        if self.core.is_none() && now >= self.connect_at {
+            self.connect(cx);
         }
         self.flush(cx);
     }
@@ -148,6 +145,7 @@ impl Follower {
                     self.ready = true;
                     let connection = self.core.as_ref().map_or(0, SatelliteCore::connection);
                     ledger::with(|ledger| ledger.was_let_in(self.who, connection));
+                    self.pace = Pace::begin(self.clock.as_ref().map_or(1, |(_, divisor)| *divisor));
                     self.follow();
                     None
                 }
@@ -156,7 +154,10 @@ impl Follower {
                     self.plan(cx, channel, sequence);
                     wrong
                 }
-                SatelliteEvent::TickReport(report) if report.is_own => self.pace.told(report, left),
+                SatelliteEvent::TickReport(report) if report.is_own => {
+                    self.pace.told(report, left);
+                    None
+                }
                 SatelliteEvent::ChannelRemoved(info)
                     if self.clock.as_ref().is_some_and(|(name, _)| *name == info.name) =>
                 {

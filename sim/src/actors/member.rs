@@ -193,7 +193,7 @@ impl Member {
             .hub
             .publish_bytes(cx, &own_name(self.who.node, channel), stamp.message(bytes));
         if sent || latched {
-            ledger::with(|ledger| ledger.was_published(&stamp));
+            ledger::with(|ledger| ledger.was_published(&stamp, sent));
         }
     }
 

@@ -158,7 +158,7 @@ impl Plain {
             ledger.now = cx.clock_now();
             let stamp = ledger.next_stamp(origin, *reference);
             if core.publish(*reference, stamp.message(bytes)) == Ok(true) {
-                ledger.was_published(&stamp);
+                ledger.was_published(&stamp, true);
             }
         });
     }

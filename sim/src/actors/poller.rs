@@ -120,14 +120,11 @@ impl Poller {
 
     fn look(&mut self, cx: &mut Cx) {
         let now = cx.now();
-        match &mut self.core {
-            None if now >= self.connect_at => self.connect(cx),
-            None => {}
-            Some(core) => {
-                if core.tick(now).is_err() {
-                    return self.lose(cx);
-                }
-            }
+        if self.core.as_mut().is_some_and(|core| core.tick(now).is_err()) {
+            return self.lose(cx);
+        }
+        if self.core.is_none() && now >= self.connect_at {
+            self.connect(cx);
         }
         self.flush(cx);
     }

@@ -42,11 +42,33 @@ pub enum Bug {
     DamageUntold,
     /// What the owner of a reliable channel publishes is dropped though there was credit for it.
     CreditBroken,
+    /// A channel that opens is not told to everybody.
+    ChannelUntold,
+    /// Some ticks that a target misses are not counted.
+    MissUncounted,
+    /// A target that is divided down is told that it still gets every tick.
+    DivisorUntold,
+    /// Some messages are not kept for those who come later, and an older one is.
+    LatchStale,
+    /// Some messages are not kept for those who poll, and an older one is.
+    PollStale,
+    /// A file that was uploaded is put in its place before the disk has it.
+    BlobUnsynced,
+    /// An upload that was left goes on behind bytes that nobody looked at, and is not checked at its end.
+    ResumeUnchecked,
+    /// A datagram that comes a second time is taken a second time.
+    ReplayTaken,
+    /// Datagrams of one message are joined though one between them is missing.
+    GapJoined,
+    /// What a WebSocket took and could not pass on at once is sent again.
+    WebSentTwice,
+    /// Neither side asks whether the other one knows the token.
+    TokenUnchecked,
 }
 
 impl Bug {
     /// All of them, with their names for command lines.
-    pub const ALL: [(Bug, &'static str); 18] = [
+    pub const ALL: [(Bug, &'static str); 29] = [
         (Bug::AbortUnbooked, "abort-unbooked"),
         (Bug::StaleEpoch, "stale-epoch"),
         (Bug::SubscriptionKept, "subscription-kept"),
@@ -65,6 +87,17 @@ impl Bug {
         (Bug::WatchForgotten, "watch-forgotten"),
         (Bug::DamageUntold, "damage-untold"),
         (Bug::CreditBroken, "credit-broken"),
+        (Bug::ChannelUntold, "channel-untold"),
+        (Bug::MissUncounted, "miss-uncounted"),
+        (Bug::DivisorUntold, "divisor-untold"),
+        (Bug::LatchStale, "latch-stale"),
+        (Bug::PollStale, "poll-stale"),
+        (Bug::BlobUnsynced, "blob-unsynced"),
+        (Bug::ResumeUnchecked, "resume-unchecked"),
+        (Bug::ReplayTaken, "replay-taken"),
+        (Bug::GapJoined, "gap-joined"),
+        (Bug::WebSentTwice, "web-sent-twice"),
+        (Bug::TokenUnchecked, "token-unchecked"),
     ];
 }
 

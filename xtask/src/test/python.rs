@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
-/// The tests of one interpreter take about twenty seconds; beyond this they hang.
+/// The tests of one interpreter take about half a minute; beyond this they hang.
 const TESTS_LIMIT: Duration = Duration::from_secs(600);
 /// Where Debian keeps a Python 2.7, and what of it is needed: the system stays as it is, the files are unpacked beside it.
 const FETCH_PYTHON2: &str = r#"

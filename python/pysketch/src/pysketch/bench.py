@@ -1,8 +1,8 @@
 """What this Python takes from a hub: large frames in bytes a second, small messages a second.
 
-A publisher in a process of its own sends on a channel as fast as the hub gives it credit; a subscriber with the policy `all`
-counts here, so nothing may be lost. The publisher sends blocks of frames that it made beforehand, so that it takes as little from the
-others as a publisher can. What each of the three processes needed of a core is told too.
+A publisher in a process of its own sends on a channel as fast as the hub gives it credit; a subscriber with the policy
+`all` counts here, so nothing may be lost. The publisher sends blocks of frames that it made beforehand, so that it takes as
+little from the others as a publisher can. What each of the three processes needed of a core is told too.
 """
 
 from __future__ import print_function

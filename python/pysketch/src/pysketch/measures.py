@@ -31,8 +31,8 @@ class Histogram(object):
 
 
 class Statistics(object):
-    """What is known of the pulses of a sketch: as of a loop of the hub, with the same names and units. `interval` is the one that
-    was asked for and `mean_interval` the one that came of it, both in seconds since it was last changed."""
+    """What is known of the pulses of a sketch: as of a loop of the hub, with the same names and units. `interval` is the
+    one that was asked for and `mean_interval` the one that came of it, both in seconds since it was last changed."""
 
     def __init__(self):
         self.ticks = self.missed = self.overruns = self.sync_lost = 0

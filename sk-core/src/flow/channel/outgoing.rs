@@ -112,6 +112,11 @@ impl Outgoing {
         self.0.charge
     }
 
+    /// How long it is, all its fragments together.
+    pub fn length(&self) -> usize {
+        self.0.charge - ITEM_OVERHEAD_BYTES * self.0.fragments.len()
+    }
+
     /// The message's id.
     pub fn message(&self) -> u32 {
         self.0.message

@@ -7,6 +7,7 @@
 
 pub mod scram;
 
+use crate::testing::{Bug, is_planted};
 use hmac::{Hmac, KeyInit, Mac};
 use sha2::Sha256;
 use std::fmt;
@@ -100,12 +101,12 @@ impl OwnerToken {
 
     /// Whether a client knows the token. Takes the same time for every wrong proof.
     pub fn client_is_true(&self, client: &Nonce, hub: &Nonce, proof: &Proof) -> bool {
-        self.client_proof(client, hub).ct_eq(proof).into()
+        bool::from(self.client_proof(client, hub).ct_eq(proof)) || is_planted(Bug::TokenUnchecked)
     }
 
     /// Whether a hub knows the token. Takes the same time for every wrong proof.
     pub fn hub_is_true(&self, client: &Nonce, hub: &Nonce, proof: &Proof) -> bool {
-        self.hub_proof(client, hub).ct_eq(proof).into()
+        bool::from(self.hub_proof(client, hub).ct_eq(proof)) || is_planted(Bug::TokenUnchecked)
     }
 
     /// What the challenges for accounts that are not there are made from: always the same for this hub.

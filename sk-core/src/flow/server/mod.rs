@@ -25,6 +25,7 @@ mod sync;
 #[cfg(test)]
 mod tests;
 mod turn;
+mod unfinished;
 
 pub use access::accounts::AccountsError;
 pub use access::sessions::Session;
@@ -50,10 +51,12 @@ use access::accounts::Accounts;
 use access::sessions::Sessions;
 use blobs::desk::Filing;
 use channels::audience::Subscribers;
+use channels::pacing::Announced;
 use channels::udp::Udp;
 use connection::addresses::Addresses;
 use connection::alarms::Alarms;
 use connection::{Connection, Connections};
+use databases::selected::Selected;
 use databases::storing::Storing;
 use notice::LogLimit;
 use services::requests::Requests;
@@ -110,6 +113,7 @@ pub struct ServerCore {
     connections: Connections,
     channels: Registry<Subscribers>,
     databases: Databases,
+    selected: Selected,
     storing: Storing,
     filing: Filing,
     /// The command that is being carried out, by its name in the table.
@@ -144,6 +148,8 @@ pub struct ServerCore {
     /// Those of them that the hub itself is to answer.
     serving: BTreeMap<RequestId, Charge>,
     unmatched_answers: u64,
+    /// What everybody was told just now, and who waits with more.
+    announced: Announced,
     /// The sync channels and their targets.
     clocks: BTreeMap<ChannelRef, Clock>,
     spurious: u64,
@@ -167,6 +173,7 @@ impl ServerCore {
             connections: Connections::default(),
             channels: Registry::default(),
             databases: Databases::default(),
+            selected: Selected::default(),
             storing: Storing::default(),
             filing: Filing::default(),
             asked: None,
@@ -189,6 +196,7 @@ impl ServerCore {
             requests: Requests::default(),
             serving: BTreeMap::new(),
             unmatched_answers: 0,
+            announced: Announced::default(),
             clocks: BTreeMap::new(),
             spurious: 0,
             must_bind: false,
@@ -485,7 +493,6 @@ impl ServerCore {
         let Some(connection) = self.connections.get_mut(id) else { return };
         let owned = std::mem::take(&mut connection.owned);
         let subscribed = connection.output.channels();
-        let polled = std::mem::take(&mut connection.polls);
         self.leave_databases(id);
         for channel in owned {
             self.remove_channel(channel, None, reason);
@@ -493,9 +500,7 @@ impl ServerCore {
         for channel in subscribed {
             self.end_subscription(id, channel, reason);
         }
-        for channel in polled {
-            self.end_polling(id, channel);
-        }
+        self.end_all_polling(id);
     }
 
     /// Does what must not happen in the middle of a call: closes those whose control queue ran over. Each

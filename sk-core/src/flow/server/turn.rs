@@ -46,7 +46,12 @@ impl ServerCore {
         if let Some(id) = self.work.pop_front() {
             if let Some(connection) = self.connections.get_mut(id) {
                 connection.queued = false;
+                let tells = connection.replay.is_some() || connection.desk.has_news();
                 self.turn(id);
+                if tells {
+                    // What was not found out in the turn before is looked for when there is room to tell it.
+                    self.mark_dirty(id);
+                }
             }
             self.settle();
         }
@@ -75,6 +80,9 @@ impl ServerCore {
                 }
                 Ok(Some(tagged)) => {
                     connection.frame_begun = None;
+                    if self.must_wait(&tagged.message) {
+                        return self.pace(id, tagged);
+                    }
                     let cost = tagged.message.definition().cost;
                     self.asked = Some(tagged.message.definition().name);
                     let done = self.dispatch(id, tagged);

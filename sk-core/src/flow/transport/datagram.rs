@@ -3,6 +3,7 @@
 //! A datagram shows by its proof that it is the publisher's and whole; by its counter that it is new. It is not
 //! hidden from others. The key is handed out over a connection that has logged in, and serves one session.
 
+use crate::testing::{Bug, is_planted};
 use hmac::{Hmac, KeyInit, Mac};
 use sha2::Sha256;
 use std::fmt;
@@ -171,7 +172,11 @@ impl DatagramReader {
         let (head, frame) = proven.split_first_chunk::<HEAD_BYTES>().ok_or(length)?;
         let [_, _, _, _, _, _, _, _, counter @ ..] = *head;
         let counter = u64::from_le_bytes(counter);
-        if self.window.take(counter) { Ok((counter, frame)) } else { Err(DatagramError::Replayed(counter)) }
+        if self.window.take(counter) || is_planted(Bug::ReplayTaken) {
+            Ok((counter, frame))
+        } else {
+            Err(DatagramError::Replayed(counter))
+        }
     }
 }
 

@@ -216,7 +216,8 @@ codes! {
         LoginFailed = 4,
         /// Control frames waited beyond their limit: the peer reads too slowly.
         ControlFull = 5,
-        /// Too many connections wait for their login, and this one was the oldest of the busiest address.
+        /// Too many connections wait for their login, and this one was the oldest of the busiest address; or the
+        /// account has as many connections as it may.
         Crowded = 6,
         /// A new connection took the place of this one.
         Replaced = 7,

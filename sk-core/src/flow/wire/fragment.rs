@@ -181,6 +181,24 @@ impl<K: Copy + Eq + std::hash::Hash> Gathering<K> {
         })
     }
 
+    /// Gives up every message that is unfinished: nothing is held any more, and what still comes of them is ignored.
+    /// Answers where they were to go, in their order.
+    pub fn give_up(&mut self) -> Vec<K>
+    where
+        K: Ord,
+    {
+        let mut given_up = Vec::new();
+        for (key, unfinished) in &mut self.unfinished {
+            if unfinished.pieces.take().is_some() {
+                self.bytes -= unfinished.charged.bytes();
+                unfinished.charged = self.shared.charge(0);
+                given_up.push(*key);
+            }
+        }
+        given_up.sort_unstable();
+        given_up
+    }
+
     /// What is held and charged.
     pub fn bytes(&self) -> usize {
         self.bytes
@@ -264,6 +282,20 @@ mod tests {
         assert_eq!(all.take(refused, 1, Flags::LAST, piece.clone(), usize::MAX), Ok(Gathered::Ignored));
         assert!(all.forget(A), "room again");
         assert_eq!(all.take(refused, 2, Flags::FIRST, piece, usize::MAX), Ok(Gathered::More));
+    }
+
+    #[test]
+    fn what_is_given_up_is_held_no_more_and_the_rest_of_it_ignored() {
+        let budget = Budget::default();
+        let mut all = Gathering::charged_to(budget.clone());
+        for channel in [B, A] {
+            assert_eq!(all.take(channel, 1, Flags::FIRST, bytes("one"), 99), Ok(Gathered::More));
+        }
+        assert_eq!((all.bytes(), budget.used()), (budget.used(), 2 * (3 + ITEM_OVERHEAD_BYTES)));
+        assert_eq!(all.give_up(), [A, B]);
+        assert_eq!((all.give_up(), all.bytes(), budget.used()), (vec![], 0, 0));
+        assert_eq!(all.take(A, 1, Flags::LAST, bytes("!"), 99), Ok(Gathered::Ignored));
+        assert_eq!(all.take(A, 2, Flags::WHOLE, bytes("?"), 99), Ok(Gathered::Whole(smallvec![bytes("?")])));
     }
 
     #[test]

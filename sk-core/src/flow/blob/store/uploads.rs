@@ -7,6 +7,7 @@ use super::super::request::{BlobDone, BlobFailure};
 use super::checking::{LOG_HEAD_BYTES, MARK_BYTES, MARK_EVERY_BYTES, Resuming, log_head, mark};
 use super::quota::{FOLDER_CHARGE, account, charge};
 use super::{BlobStore, Outcome, Progress, Step, paths};
+use crate::testing::{Bug, is_planted};
 use crate::world::{Found, StoredFile};
 use crc32fast::Hasher;
 use sk_flat::Name;
@@ -215,12 +216,13 @@ impl BlobStore {
             // It may go on.
             return Err(RefusalCode::BadChecksum.into());
         }
-        if upload.hasher.clone().finalize() != upload.checksum {
+        if upload.hasher.clone().finalize() != upload.checksum && !is_planted(Bug::ResumeUnchecked) {
             self.discard(channel, path)?;
             return Err(RefusalCode::BadChecksum.into());
         }
         let (bytes, checksum) = (upload.bytes, upload.checksum);
-        if let Err(error) = upload.data.sync() {
+        let synced = if is_planted(Bug::BlobUnsynced) { Ok(()) } else { upload.data.sync() };
+        if let Err(error) = synced {
             // What the disk did not take once it cannot be asked to take again: the upload is of no use any more.
             self.discard(channel, path)?;
             return Err(paths::disk(error));

@@ -55,6 +55,7 @@ impl ServerCore {
         connection.inbound.agree(fragment_bytes, message_bytes);
         connection.inbound.advance();
         connection.output.fragment_bytes_max = fragment_bytes as usize;
+        connection.output.message_bytes_max = message_bytes as usize;
         let nonce = connection.hub_nonce;
         self.answer(id, tag, &Event::Welcome { magic: MAGIC, version, fragment_bytes, message_bytes, nonce });
         Ok(())

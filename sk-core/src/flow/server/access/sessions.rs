@@ -78,6 +78,7 @@ impl ServerCore {
             true => return self.refuse(id, tag, RefusalCode::Exists),
         };
         let own = session_of(&connection.hub_nonce);
+        self.end_all_polling(id);
         let full = match predecessor {
             Some(old) => self.take_place(old, id).unwrap_or(full),
             None => full,
@@ -105,13 +106,13 @@ impl ServerCore {
         let owned = std::mem::take(&mut gone.owned);
         let kept = std::mem::take(&mut gone.output.kept);
         let subscriptions = gone.output.give_away();
-        let selected = gone.desk.selected.take();
+        let selected = self.select(old, None);
         for channel in &owned {
             self.change_owner(*channel, old, new);
         }
+        self.select(new, selected);
         let come = self.connections.get_mut(new)?;
         come.owned = owned;
-        come.desk.selected = selected;
         come.output.kept = kept;
         come.output.paused = true;
         for subscription in subscriptions {

@@ -81,7 +81,7 @@ impl ServerCore {
     }
 
     /// A message that nobody gets, here or on a replica: every book is told why.
-    pub(super) fn drop_for_all(&mut self, channel: ChannelRef, reason: DropReason) {
+    pub(in super::super) fn drop_for_all(&mut self, channel: ChannelRef, reason: DropReason) {
         let Some((_, subscribers)) = self.channels.get(channel) else { return };
         for subscriber in &subscribers.list {
             let Some(connection) = self.connections.get_mut(subscriber.connection) else { continue };

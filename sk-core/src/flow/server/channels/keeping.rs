@@ -4,6 +4,7 @@ use super::super::{ConnectionId, ServerCore, owning_flow};
 use crate::flow::ChannelRef;
 use crate::flow::delivery::Outgoing;
 use crate::flow::limits::KEPT_BYTES_MAX;
+use crate::testing::{Bug, is_planted};
 
 impl ServerCore {
     /// What a late joiner of a channel hears first. Of a replicating channel it is what its source keeps.
@@ -25,11 +26,17 @@ impl ServerCore {
         }
         let owner = known.owner;
         let latch = special.latch;
+        if latch && is_planted(Bug::LatchStale) && special.latched.is_some() && outgoing.message() % 4 == 3 {
+            return;
+        }
         let old = special.latched.take();
         let mut pollers = std::mem::take(&mut special.pollers);
         let payer = owning_flow(&self.connections, owner);
         let latched = self.keep(payer, old, latch.then_some(outgoing));
-        for poller in &mut pollers {
+        let is_stale = |newest: &Option<Outgoing>| {
+            is_planted(Bug::PollStale) && newest.is_some() && outgoing.message() % 4 == 3
+        };
+        for poller in pollers.iter_mut().filter(|poller| !is_stale(&poller.newest)) {
             poller.newest = self.keep(Some(poller.connection), poller.newest.take(), Some(outgoing));
         }
         if let Some((_, subscribers)) = self.channels.get_mut(channel) {

@@ -4,6 +4,7 @@ pub(super) mod audience;
 mod credit;
 mod fan_out;
 mod keeping;
+pub(super) mod pacing;
 mod polling;
 pub(super) mod publish;
 mod replicas;
@@ -190,7 +191,12 @@ impl ServerCore {
         let Some((known, _)) = self.channels.get(channel) else { return };
         let known = known.clone();
         self.entity_began(DatabaseKind::Channel, &known.name, Entity::Channel(channel));
-        self.tell_flows(&known, asked, |tag, form| known.added(tag, form));
+        match asked {
+            Some((id, tag)) if is_planted(Bug::ChannelUntold) && channel.id % 3 == 0 => {
+                self.send(id, known.added(tag, Form::Binary));
+            }
+            _ => self.tell_flows(&known, asked, |tag, form| known.added(tag, form)),
+        }
         self.notices.push_back(Notice::ChannelAdded { channel, name: known.name });
     }
 
@@ -221,5 +227,6 @@ impl ServerCore {
                 }
             }
         }
+        self.announced.add(made.iter().flatten().map(Encoded::len).max().unwrap_or(0));
     }
 }

@@ -47,13 +47,20 @@ impl ServerCore {
             }
             Admitted::StillNot => return Ok(()),
         }
+        self.make_room_for_fragment(id, flags, payload.len());
         let Some(connection) = self.connections.get_mut(id) else { return Ok(()) };
         let bytes_max = connection.inbound.message_bytes_max();
         let gathered =
             connection
                 .gathering
                 .take(Incoming::Publish(channel), message, flags, payload, bytes_max)?;
-        self.gathered(id, tag, (channel, message), gathered);
+        let is_overtaken = matches!(gathered, Gathered::Whole(_))
+            && connection.udp.as_deref_mut().is_some_and(|udp| !udp.takes(channel, message));
+        if is_overtaken {
+            self.drop_for_all(channel, DropReason::Aborted);
+        } else {
+            self.gathered(id, tag, (channel, message), gathered);
+        }
         if may_renew {
             self.renew_credit(channel);
         }

@@ -9,10 +9,11 @@ use crate::flow::channel::Owner;
 use crate::flow::definition::{Encoded, Tagged};
 use crate::flow::delivery::DropReason;
 use crate::flow::error::RefusalCode;
-use crate::flow::fragment::Gathering;
+use crate::flow::fragment::{Gathered, Gathering};
 use crate::flow::frame::{HEADER_BYTES, Header};
 use crate::flow::transport::datagram::{DatagramError, DatagramKey, DatagramReader, session_of};
 use crate::flow::{ChannelKind, ChannelRef, Command, Event, Flags, Message as _};
+use crate::testing::{Bug, is_planted};
 use bytes::Bytes;
 use rustc_hash::FxHashMap;
 use sha2::{Digest, Sha256};
@@ -65,6 +66,27 @@ impl UdpSession {
         self.lanes.remove(&channel);
     }
 
+    /// What is held of unfinished messages.
+    pub(in super::super) fn bytes(&self) -> usize {
+        self.gathering.bytes()
+    }
+
+    /// Gives all of them up; answers their channels.
+    pub(in super::super) fn give_up(&mut self) -> Vec<ChannelRef> {
+        self.gathering.give_up()
+    }
+
+    /// Whether a whole message may be passed on: not if a newer one of its channel was, that overtook it on the other way.
+    /// A channel that no datagram came for is only on one way.
+    pub(super) fn takes(&mut self, channel: ChannelRef, message: u32) -> bool {
+        let Some(lane) = self.lanes.get_mut(&channel) else { return true };
+        let is_older = lane.taken.is_some_and(|taken| (message.wrapping_sub(taken) as i32) < 0);
+        if !is_older {
+            lane.taken = Some(message);
+        }
+        !is_older
+    }
+
     /// The place of a fragment in its channel. A message that is given up holds no bytes any more.
     fn place(&mut self, channel: ChannelRef, counter: u64, flags: Flags, message: u32) -> Place {
         let lane = self.lanes.entry(channel).or_default();
@@ -85,6 +107,8 @@ struct Lane {
     newest: u64,
     /// The message that goes on with the next counter.
     open: Option<u32>,
+    /// The newest message that was passed on, on whichever way it came.
+    taken: Option<u32>,
     /// The last message that was counted as given up, so that each is counted once.
     given_up: Option<u32>,
 }
@@ -105,7 +129,8 @@ impl Lane {
             let given_up = if begins { self.give_up(message) } else { 0 };
             return Place { given_up, fits: false };
         }
-        let follows = counter == self.newest + 1 && self.open == Some(message);
+        let next = counter == self.newest + 1 || is_planted(Bug::GapJoined);
+        let follows = next && self.open == Some(message);
         self.newest = counter;
         let ends = flags.has(Flags::LAST) || flags == Flags::ABORT;
         if follows && !begins {
@@ -212,6 +237,7 @@ impl ServerCore {
             }
             _ => return self.turn_away(id, tag, flags, known.map(|(owner, kind, _)| (owner, kind))),
         }
+        self.make_room_for_fragment(id, flags, payload.len());
         let Some(connection) = self.connections.get_mut(id) else { return };
         let bytes_max = connection.inbound.message_bytes_max();
         let Some(udp) = connection.udp.as_deref_mut() else { return };
@@ -227,10 +253,11 @@ impl ServerCore {
             lane.given_up = Some(message);
             self.udp.counts.malformed += 1;
         }
-        for _ in 0..place.given_up + u32::from(is_bad) {
+        let is_overtaken = matches!(gathered, Some(Ok(Gathered::Whole(_)))) && !udp.takes(channel, message);
+        for _ in 0..place.given_up + u32::from(is_bad) + u32::from(is_overtaken) {
             self.drop_for_all(channel, DropReason::Aborted);
         }
-        if let Some(Ok(gathered)) = gathered {
+        if let Some(Ok(gathered)) = gathered.filter(|_| !is_overtaken) {
             self.gathered(id, tag, (channel, message), gathered);
         }
     }

@@ -83,6 +83,9 @@ pub(super) struct Connection {
     pub(super) alarm: Option<Instant>,
     /// Its login failed, and it hears so then: too many failed that came from where it comes from.
     pub(super) login_refused_at: Option<Instant>,
+    /// A command that waits because much was announced to everybody just before, and whether it has to wait still.
+    pub(super) paced: Option<Box<Tagged<Command>>>,
+    pub(super) is_paced: bool,
     /// Whether it is listed as having lost messages.
     pub(super) lossy: bool,
     pub(super) closing: Option<(ClosingReason, Instant)>,
@@ -130,6 +133,8 @@ impl Connection {
             frame_begun: None,
             alarm: None,
             login_refused_at: None,
+            paced: None,
+            is_paced: false,
             lossy: false,
             closing: None,
         }
@@ -137,7 +142,7 @@ impl Connection {
 
     /// The next command, whether it came as bytes or from inside.
     pub(super) fn next_command(&mut self) -> Result<Option<Tagged<Command>>, ProtocolError> {
-        if let Some(again) = self.desk.take_again() {
+        if let Some(again) = self.desk.take_again().or_else(|| self.paced.take().map(|paced| *paced)) {
             return Ok(Some(again));
         }
         match self.inbound.next()? {
@@ -147,7 +152,7 @@ impl Connection {
     }
 
     /// Whether commands must wait: the connection ends, a list or a message is being told, its answers pile up, it
-    /// waits for the disk, or it is synchronous and a call of it has no answer yet.
+    /// waits for the disk, it announces too much, or it is synchronous and a call of it has no answer yet.
     pub(super) fn is_held(&self) -> bool {
         self.is_unread() || self.awaits_answer()
     }
@@ -158,6 +163,7 @@ impl Connection {
             || self.replay.is_some()
             || self.latest.is_some()
             || self.login_refused_at.is_some()
+            || self.is_paced
             || self.output.answers_pile_up()
             || self.desk.is_held()
             || self.blobs.is_held()
@@ -180,7 +186,7 @@ impl Connection {
 
     /// Whether input waits that has not been looked at.
     pub(super) fn has_input(&self) -> bool {
-        self.inbound.pending() > 0 || !self.parts.is_empty() || self.desk.has_again()
+        self.inbound.pending() > 0 || !self.parts.is_empty() || self.desk.has_again() || self.paced.is_some()
     }
 }
 

@@ -4,7 +4,8 @@ use super::talk::{Talk, TalkKey, Talks};
 use crate::flow::definition::Encoded;
 use crate::flow::delivery::{Book, Budget, Charge, Counts, DropReason, Offered, Outgoing};
 use crate::flow::limits::{
-    CONNECTION_BYTES_MAX, CONTROL_BYTES_MAX, FRAGMENT_BYTES_MAX, ITEM_OVERHEAD_BYTES, WIRE_BYTES_AHEAD,
+    CONNECTION_BYTES_MAX, CONTROL_BYTES_MAX, FRAGMENT_BYTES_MAX, ITEM_OVERHEAD_BYTES, MESSAGE_BYTES_MAX,
+    WIRE_BYTES_AHEAD,
 };
 use crate::flow::wire::Wire;
 use crate::flow::{ChannelRef, Policy};
@@ -75,6 +76,8 @@ pub(in super::super) struct Output {
     /// Reliable channels of which it took something.
     pub(in super::super) credit_due: Vec<ChannelRef>,
     pub(in super::super) fragment_bytes_max: usize,
+    /// The longest message that the peer takes.
+    pub(in super::super) message_bytes_max: usize,
     /// Messages wait until the connection is a flow for its peer too.
     pub(in super::super) paused: bool,
     /// Whether messages were dropped that the subscriber was not told of.
@@ -96,6 +99,7 @@ impl Default for Output {
             kept: 0,
             credit_due: Vec::new(),
             fragment_bytes_max: FRAGMENT_BYTES_MAX,
+            message_bytes_max: MESSAGE_BYTES_MAX,
             paused: false,
             has_losses: false,
         }
@@ -227,8 +231,12 @@ impl Output {
         self.bytes
     }
 
-    /// Offers a message to a subscription. Answers `false` if it must not miss any and found no room.
+    /// Offers a message to a subscription. Answers `false` if it must not miss any and found no room. One that is
+    /// longer than the peer takes never finds any.
     pub(in super::super) fn offer(&mut self, slot: usize, message: &Outgoing) -> bool {
+        if message.length() > self.message_bytes_max {
+            return self.missed(slot, DropReason::Full);
+        }
         let room = self.room();
         let Some(subscription) = self.subscriptions.get_mut(slot) else { return true };
         let book = &mut subscription.book;
@@ -416,6 +424,8 @@ impl Output {
     pub(in super::super) fn end_with(&mut self, last: Encoded) {
         self.control.clear();
         self.control_bytes = 0;
+        self.talks = Talks::default();
+        self.turns.clear();
         self.wire.drop_unbegun();
         self.wire.push(last, Note::Nothing);
     }

@@ -28,8 +28,10 @@ impl ServerCore {
         if !self.may_inspect(id, subject) {
             return self.refuse(id, tag, RefusalCode::Denied);
         }
-        let report = match subject.trim() {
-            "graph" => Ok(self.graph_for(id).into_variant()),
+        let mut words = subject.split_whitespace();
+        let report = match (words.next(), words.next(), words.next()) {
+            (Some("graph"), None, _) => Ok(self.graph_for(id).into_variant()),
+            (Some("channel"), Some(name), None) => self.channel_for(id, name).map(IntoVariant::into_variant),
             _ => self.report(subject),
         };
         let told = report.and_then(|report| Value::new(&report).map_err(|_| RefusalCode::TooLong));
@@ -42,7 +44,7 @@ impl ServerCore {
     }
 
     /// What is about names is for those who may list them; what is about everybody, for those who may list all. Of
-    /// the graph everyone is told the part that he may list.
+    /// the graph, and of those around a channel, everyone is told the part that he may list.
     fn may_inspect(&self, id: ConnectionId, subject: &str) -> bool {
         let Some(connection) = self.connections.get(id) else { return false };
         let rights = &connection.rights;
@@ -218,6 +220,18 @@ impl ServerCore {
             channel.repeats = channel.repeats.take().filter(|source| listed(source));
         }
         graph
+    }
+
+    /// A channel without the names around it that this connection may not list.
+    fn channel_for(&self, id: ConnectionId, name: &str) -> Result<ChannelReport, RefusalCode> {
+        let mut report = self.channel_report(name)?;
+        let listed = |name: &str| self.is_allowed(id, Right::List, name);
+        let told = report.subscribers.len();
+        report.subscribers.retain(|subscriber| listed(&subscriber.flow));
+        report.left_out += (told - report.subscribers.len()) as u32;
+        report.repeats = report.repeats.take().filter(|source| listed(source));
+        report.repeated_by.retain(|replica| listed(replica));
+        Ok(report)
     }
 
     fn graph_channel(&self, known: &Channel, beside: &Subscribers, subscribers: Vec<String>) -> GraphChannel {

@@ -80,6 +80,7 @@ impl ServerCore {
         flags: Flags,
         piece: CallPiece,
     ) -> Result<(), ProtocolError> {
+        self.make_room_for_fragment(id, flags, piece.payload.len());
         let Some(connection) = self.connections.get_mut(id) else { return Ok(()) };
         let bytes_max = connection.inbound.message_bytes_max();
         // A tag has one message at a time, so the message's id is the tag.
@@ -98,13 +99,17 @@ impl ServerCore {
             Gathered::Aborted => {
                 connection.calls.remove(&tag);
             }
-            Gathered::Overfull => {
-                connection.gathering.forget(Incoming::Call(tag));
-                connection.calls.remove(&tag);
-                self.refuse(id, tag, RefusalCode::Full);
-            }
+            Gathered::Overfull => self.give_up_call(id, tag),
         }
         Ok(())
+    }
+
+    /// There is no room for a call that is coming in.
+    pub(super) fn give_up_call(&mut self, id: ConnectionId, tag: u32) {
+        let Some(connection) = self.connections.get_mut(id) else { return };
+        connection.gathering.forget(Incoming::Call(tag));
+        connection.calls.remove(&tag);
+        self.refuse(id, tag, RefusalCode::Full);
     }
 
     /// What can be said against a call when it begins.
@@ -214,6 +219,7 @@ impl ServerCore {
             return Err(ProtocolError::BadValue { kind: "answer", field: "more", value: more.into() });
         }
         let request = RequestId::from_wire(wire);
+        self.make_room_for_fragment(id, flags, payload.len());
         let Some(connection) = self.connections.get_mut(id) else { return Ok(()) };
         if !connection.serving.contains(&request) {
             self.unmatched_answers += u64::from(flags.has(Flags::LAST));
@@ -308,7 +314,7 @@ impl ServerCore {
 
     /// Ends a request before its last answer: the asker hears why, unless it has gone or given it up; the owner
     /// hears that it is over, if it has heard of it at all.
-    fn end_request(&mut self, id: RequestId, refusal: Option<(RefusalCode, Option<String>)>) {
+    pub(super) fn end_request(&mut self, id: RequestId, refusal: Option<(RefusalCode, Option<String>)>) {
         let Some(request) = self.forget_request(id) else { return };
         let declined = matches!(refusal, Some((RefusalCode::Declined, _)));
         if let Some((code, text)) = refusal {

@@ -2,6 +2,7 @@
 
 use super::super::ConnectionId;
 use crate::flow::limits::{SYNC_GOOD_TIME_MAX, SYNC_GOOD_TIME_MIN};
+use crate::testing::{Bug, is_planted};
 use sk_flat::Instant;
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -101,7 +102,7 @@ impl Target {
         self.has_news = true;
         self.missed += passed - 1;
         if self.pending.take().is_some() {
-            self.missed += 1;
+            self.missed += u64::from(!(is_planted(Bug::MissUncounted) && sequence % 4 == 3));
             self.failed(now);
         }
         if self.unanswered.len() == UNANSWERED_MAX {
@@ -172,7 +173,8 @@ impl Target {
         let lag = std::mem::take(&mut self.lag);
         // The newest may well be on its way.
         let lag = if self.unanswered.len() > 1 { lag.max(overdue) } else { lag };
-        Some(Report { lag, done: self.done, missed: self.missed, divisor: self.divisor })
+        let divisor = if is_planted(Bug::DivisorUntold) { 1 } else { self.divisor };
+        Some(Report { lag, done: self.done, missed: self.missed, divisor })
     }
 }
 

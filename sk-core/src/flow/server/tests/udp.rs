@@ -286,3 +286,28 @@ proptest! {
         aborted(&hub);
     }
 }
+
+#[test]
+fn a_message_that_a_newer_one_overtook_on_the_other_way_is_given_up() {
+    let mut hub = hub_with_udp();
+    let [mut owner, mut listener] = [(); 2].map(|()| Raw::flow(&mut hub, OWNER));
+    let channel = owner.create(&mut hub, "pose");
+    listener.subscribe(&mut hub, channel);
+    let mut writer = open(&mut hub, &mut owner);
+    let by_stream = |hub: &mut ServerCore, message| {
+        let payload = Bytes::from(vec![message as u8]);
+        owner.send_flagged(hub, 9, Flags::WHOLE, &Command::Publish { channel, message, payload });
+    };
+    let mut by_datagram = |hub: &mut ServerCore, message| {
+        let payload = Bytes::from(vec![message as u8]);
+        send(hub, &datagrams(&mut writer, channel, message, payload, 1000));
+    };
+    by_stream(&mut hub, u32::MAX - 1);
+    by_datagram(&mut hub, 0);
+    by_stream(&mut hub, u32::MAX);
+    by_stream(&mut hub, 2);
+    by_datagram(&mut hub, 1);
+    by_datagram(&mut hub, 3);
+    assert_eq!(listener.heard(&mut hub, channel), [vec![254], vec![0], vec![2], vec![3]]);
+    assert_eq!(aborted(&hub), 2, "it is in the books");
+}

@@ -173,7 +173,10 @@ impl Clerk {
 
     pub(super) fn unwatch(&mut self, core: Option<&mut SatelliteCore>, name: &Rc<str>, prefix: &str) {
         let removed = self.entries.get_mut(name).and_then(|entry| entry.watches.remove(prefix));
-        if let (Some(core), Some(Watched { tag: Some(watch), .. })) = (core, removed)
+        let Some(Watched { tag: Some(watch), .. }) = removed else { return };
+        // What still comes of it is of no interest any more.
+        self.sent.remove(&watch);
+        if let Some(core) = core
             && let Ok(tag) = core.database(&Command::Unwatch { watch })
         {
             self.sent.insert(tag, (name.clone(), Sent::Quiet));

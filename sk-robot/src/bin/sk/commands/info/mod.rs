@@ -1,9 +1,10 @@
 //! `sk info`: the hub, a channel, or a flow.
 
+mod pulse;
+
 use crate::arguments::Arguments;
 use crate::names::{meant, missing};
 use crate::output::{json, safe};
-use crate::pulse;
 use crate::session::{Link, Visit};
 use crate::table::{bytes, facts, span, table};
 use clap::Args;
