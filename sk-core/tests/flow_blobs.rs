@@ -256,3 +256,28 @@ fn a_download_that_nobody_wants_any_more_is_given_up() {
     let left = app.cx().world().storage.list(Path::new("/")).unwrap();
     assert!(!left.iter().any(|name| name.to_string_lossy().ends_with(".part")), "{left:?}");
 }
+
+#[test]
+fn more_downloads_than_a_hub_serves_at_once_take_turns_and_none_fails() {
+    let (simulation, mut app) = world(7);
+    let cx = app.cx();
+    start_hub(cx);
+    let (owner, reader) = (connect(cx), connect(cx));
+    let maps = owner.blob(cx, "maps").unwrap();
+    assert!(maps.upload(cx, "small", &b"hello"[..]));
+    simulation.run_for(&mut app, seconds(2));
+    let cx = app.cx();
+    let came: Vec<_> = (0..40)
+        .map(|_| {
+            let download = reader.download(cx, "robot.maps", "small").unwrap();
+            follow(cx, download)
+        })
+        .collect();
+    simulation.run_for(&mut app, seconds(5));
+    for listener in came {
+        let told = app
+            .cx()
+            .with(listener, |heard, _| (heard.done, heard.failed.clone(), heard.data.clone()));
+        assert_eq!(told, Ok((1, vec![], b"hello".to_vec())));
+    }
+}

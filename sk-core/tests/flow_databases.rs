@@ -189,6 +189,56 @@ fn after_a_reconnection_databases_are_created_selected_and_watched_as_before() {
 }
 
 #[test]
+fn a_satellite_tells_its_pulse_once_a_second() {
+    let (simulation, mut app) = world(6);
+    let cx = app.cx();
+    start_hub(cx);
+    let at = HubAddress::Unix(ADDRESS.into());
+    let pacer = SkFlowSat::connect(cx, &at);
+    pacer.name_flow(cx, "pacer").unwrap();
+    let reader = SkFlowSat::connect(cx, &at);
+    let pulse = reader.database(cx, "flow:robot.pacer").unwrap();
+    let told = Rc::new(RefCell::new(SkVariant::Null));
+    let mut ask = |key: &str| {
+        let answer = told.clone();
+        simulation.run_for(&mut app, seconds(2));
+        pulse.get(app.cx(), key, move |_cx, value| *answer.borrow_mut() = value.unwrap().unwrap());
+        simulation.run_for(&mut app, seconds(1));
+        (told.take(), app.cx().stats().ticks)
+    };
+    let mut before = 0;
+    for _ in 0..3 {
+        let (statistics, ticks) = ask("pulse.statistics");
+        let known = u64::try_from(statistics.get("ticks").unwrap()).unwrap();
+        assert!(before < known && known <= ticks, "{before} {known} {ticks}");
+        before = known;
+        let keys: Vec<&str> = statistics.as_map().unwrap().keys().map(String::as_str).collect();
+        let plain = ["interval", "job_time", "mean_interval", "missed", "overruns", "sync_lost", "ticks"];
+        assert_eq!(keys, [&plain[..], &["wake_error"]].concat());
+        assert_eq!(
+            statistics.get("interval"),
+            Some(&sk_core::eventloop::INTERVAL_DEFAULT.as_secs_f64().into())
+        );
+        let spans = statistics.get("job_time").unwrap();
+        let [p50, p99, max] = ["p50", "p99", "max"].map(|key| spans.get(key).unwrap().as_f64().unwrap());
+        assert!(p50 <= p99 && p99 <= max, "{spans}");
+        assert_eq!(statistics.get("wake_error"), Some(&SkVariant::Null), "this mode promises no moment");
+    }
+    app.cx().set_interval(Duration::from_millis(20)).unwrap();
+    app.cx().set_mode(TimingMode::Coarse).unwrap();
+    let mut ask = |key: &str| {
+        let answer = told.clone();
+        simulation.run_for(&mut app, seconds(2));
+        pulse.get(app.cx(), key, move |_cx, value| *answer.borrow_mut() = value.unwrap().unwrap());
+        simulation.run_for(&mut app, seconds(1));
+        told.take()
+    };
+    assert_eq!((ask("pulse.interval_ms"), ask("pulse.mode")), (20.0.into(), "Coarse".into()));
+    let late = ask("pulse.statistics").get("wake_error").unwrap().clone();
+    assert!(late.get("p99").and_then(SkVariant::as_f64).is_some(), "this one does: {late}");
+}
+
+#[test]
 fn a_watch_waits_for_a_database_that_comes_later() {
     let (simulation, mut app) = world(4);
     let cx = app.cx();
@@ -255,4 +305,27 @@ fn cx_ends(app: &mut SkApp, module: Handle<SkFlowSat>, server: Handle<SkFlowServ
     let cx = app.cx();
     cx.destroy_later(module);
     server.shut_down(cx).unwrap();
+}
+
+#[test]
+fn whoever_watches_and_ceases_to_again_and_again_may_still_do_everything() {
+    let (simulation, mut app) = world(9);
+    let cx = app.cx();
+    start_hub(cx);
+    let satellite = SkFlowSat::connect(cx, &HubAddress::Unix(ADDRESS.into()));
+    let arm = satellite.database(cx, "arm").unwrap();
+    arm.create(cx, false);
+    simulation.run_for(&mut app, seconds(1));
+    for _ in 0..45 {
+        for _ in 0..100 {
+            arm.watch(app.cx(), "gain.");
+            arm.unwatch(app.cx(), "gain.");
+        }
+        simulation.run_for(&mut app, Duration::from_millis(50));
+    }
+    let cx = app.cx();
+    let listener = listen(cx, arm);
+    assert!(arm.set(cx, "x", 1), "nothing of 4,500 former watches stands in the way");
+    simulation.run_for(&mut app, seconds(1));
+    assert_eq!(app.cx().with(listener, |heard, _| heard.done.clone()), Ok(vec!["x".to_owned()]));
 }

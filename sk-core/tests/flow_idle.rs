@@ -3,7 +3,7 @@
 use sk_core::flow::server::{ConnectionId, Origin, ServerCore, Settings};
 use sk_core::flow::{Command, Flags, Form, Message, Rights, Value};
 use sk_core::testing::CountingAllocator;
-use sk_flat::Instant;
+use sk_flat::{Instant, SkVariant};
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
@@ -36,6 +36,18 @@ fn logged_in(hub: &mut ServerCore) -> ConnectionId {
     connection
 }
 
+/// What a satellite says of its pulse once a second.
+fn statistics() -> SkVariant {
+    let figures = || {
+        let span = || SkVariant::from(0.000_125);
+        SkVariant::map([("p50", span()), ("p99", span()), ("max", span())])
+    };
+    let counts = ["ticks", "missed", "overruns", "sync_lost"].map(|name| (name, 1_000_000_u64.into()));
+    let spans = [("interval", 0.01.into()), ("mean_interval", 0.01.into())];
+    let maps = [("wake_error", figures()), ("job_time", figures())];
+    SkVariant::map(counts.into_iter().chain(spans).chain(maps))
+}
+
 #[test]
 fn an_idle_flows_database_and_entries_take_less_than_two_kilobytes() {
     let user = "robot".parse().expect("a name");
@@ -50,7 +62,12 @@ fn an_idle_flows_database_and_entries_take_less_than_two_kilobytes() {
     for connection in &connections {
         let database = format!("flow:robot.flow-{}", connection.wire());
         send(&mut hub, *connection, &Command::DbSelect { database });
-        for (key, variant) in [("pulse.interval_ms", 5.0.into()), ("pulse.mode", "SelectIo".into())] {
+        let told = [
+            ("pulse.interval_ms", 5.0.into()),
+            ("pulse.mode", "SelectIo".into()),
+            ("pulse.statistics", statistics()),
+        ];
+        for (key, variant) in told {
             let value = Value::new(&variant).expect("small");
             send(&mut hub, *connection, &Command::VarSet { key: key.into(), value });
         }

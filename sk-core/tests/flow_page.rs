@@ -144,6 +144,7 @@ fn limits() -> Vec<(&'static str, String)> {
         ),
         ("watches of a flow", WATCHES_PER_FLOW_MAX.to_string()),
         ("changes of a flow that wait for the disk", UNSAVED_PER_FLOW_MAX.to_string()),
+        ("what they hold together", bytes(UNSAVED_BYTES_PER_FLOW_MAX)),
         ("downloads under way on one connection", BLOB_READS_PER_CONNECTION_MAX.to_string()),
         (
             "bytes of uploads of one connection that wait for the disk",
@@ -165,13 +166,15 @@ fn limits() -> Vec<(&'static str, String)> {
         ("deadline of a request, largest", format!("{DEADLINE_MAX:?}")),
         ("channels that repeat one another in a row", REPLICA_LEVELS_MAX.to_string()),
         ("waiting for one connection, and kept of its channels", bytes(CONNECTION_BYTES_MAX)),
-        ("waiting for all and kept, shared payloads once", bytes(HUB_BYTES_MAX)),
+        ("waiting for all, kept and held, shared payloads once", bytes(HUB_BYTES_MAX)),
+        ("of that, held of unfinished messages", bytes(UNFINISHED_BYTES_MAX_IN_ALL)),
         ("of that, kept", bytes(KEPT_BYTES_MAX)),
         (
             "credit of a reliable channel beyond what its slowest subscriber took",
             format!("{CREDIT_BYTES} bytes"),
         ),
         ("waiting control frames of one connection", bytes(CONTROL_BYTES_MAX)),
+        ("connections of one account, but for the owner's", CONNECTIONS_PER_ACCOUNT_MAX.to_string()),
         ("connections of one address at once", CONNECTIONS_PER_ADDRESS_BURST.to_string()),
         ("and then each second", CONNECTIONS_PER_ADDRESS_PER_SECOND.to_string()),
         ("from opening to login", format!("{LOGIN_TIME_MAX:?}")),
@@ -210,6 +213,30 @@ fn the_fuzz_dictionary_has_the_header_of_every_kind() {
             let hex: String = bytes[..6].iter().map(|byte| format!("\\x{byte:02x}")).collect();
             let _ = writeln!(made, "{}=\"{hex}\"", name.replace('.', "_"));
         }
+    }
+    compare_or_rewrite(&path, &fs::read_to_string(&path).unwrap_or_default(), &made);
+}
+
+#[test]
+fn the_fuzz_dictionary_of_blobs_has_their_commands_whole_and_what_paths_are_made_of() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz/dictionaries/blob_commands.dict");
+    let mut made = String::from(
+        "# Commands of blob channels, for libFuzzer: -dict=fuzz/dictionaries/blob_commands.dict\n",
+    );
+    let mut line = |name: &str, bytes: &[u8]| {
+        let hex: String = bytes.iter().map(|byte| format!("\\x{byte:02x}")).collect();
+        let _ = writeln!(made, "{name}=\"{hex}\"");
+    };
+    for (name, bytes) in vectors() {
+        if name.starts_with("command.") && name.contains("blob_") {
+            line(&name.replace('.', "_"), &bytes);
+            line(&format!("{}_head", name.replace('.', "_")), &bytes[..6]);
+        }
+    }
+    for (name, part) in
+        [("here", "."), ("up", "../"), ("root", "/"), ("part", "a/"), ("null", "\0"), ("back", "\\")]
+    {
+        line(&format!("path_{name}"), part.as_bytes());
     }
     compare_or_rewrite(&path, &fs::read_to_string(&path).unwrap_or_default(), &made);
 }

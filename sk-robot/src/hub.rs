@@ -3,22 +3,21 @@
 use crate::config::{Config, ListenAddress, ModuleConfig, TcpAddress};
 use crate::listening;
 use crate::module_service;
-use crate::owner::{self, TokenFileError};
-use crate::places::{Places, PlacesError};
+use crate::owner;
+use crate::places::Places;
 use sk_core::flow::blob::BlobStore;
-use sk_core::flow::database::disk::{Store, StoreError};
+use sk_core::flow::database::disk::Store;
 use sk_core::flow::server::Settings;
-use sk_core::flow::{HubAddress, KeepError, Rights, SkFlowSat, SkFlowServer};
-use sk_core::module::{AbstractModule, ModuleClass, ModuleError, ModuleSupervisor, Modules, ThreadedModule};
-use sk_core::object::NameError;
+use sk_core::flow::{HubAddress, Rights, SkFlowSat, SkFlowServer};
+use sk_core::module::{AbstractModule, ModuleClass, ModuleSupervisor, Modules, ThreadedModule};
 use sk_core::prelude::*;
 use sk_flat::Name;
 use std::io;
-use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4};
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
-/// Where the hub listens for TCP unless told otherwise.
-pub const TCP_DEFAULT: SocketAddr = SocketAddr::V4(SocketAddrV4::new(Ipv4Addr::LOCALHOST, 4141));
+pub use crate::config::TCP_DEFAULT;
+pub use crate::hub_error::HubError;
 
 /// A hub that runs on a loop. Dropping this value does not stop it: [`stop`](Hub::stop) does, or the end of
 /// the loop.
@@ -54,76 +53,6 @@ pub struct HubBuilder {
     /// As it was given: a path need not be text.
     state_dir: Option<PathBuf>,
     classes: Vec<ModuleClass>,
-}
-
-/// Why a hub could not be started.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum HubError {
-    /// No place for its files.
-    #[error(transparent)]
-    Places(#[from] PlacesError),
-    /// No owner's token.
-    #[error(transparent)]
-    Token(#[from] TokenFileError),
-    /// Its databases cannot be opened.
-    #[error(transparent)]
-    Databases(#[from] StoreError),
-    /// Its accounts cannot be read, so nobody could say who would be let in.
-    #[error(transparent)]
-    Accounts(#[from] KeepError),
-    /// The folder of its blob channels cannot be opened.
-    #[error("cannot open {folder}, where the files of blob channels are: {error}")]
-    Blobs {
-        /// Which.
-        folder: String,
-        /// Why.
-        error: io::Error,
-    },
-    /// It cannot listen.
-    #[error("{address} is in use: another hub runs there; give this one another {option}")]
-    Taken {
-        /// Where.
-        address: HubAddress,
-        /// What chooses another.
-        option: &'static str,
-    },
-    /// It cannot listen.
-    #[error("cannot listen at {address}: {error}")]
-    Listen {
-        /// Where.
-        address: HubAddress,
-        /// What the system said.
-        #[source]
-        error: io::Error,
-    },
-    /// What is shown to those who come by TLS cannot be.
-    #[error("`listen.{key}`: {path}: {why}")]
-    Tls {
-        /// The key of the configuration.
-        key: &'static str,
-        /// The file.
-        path: String,
-        /// What is wrong.
-        why: String,
-    },
-    /// An address with TLS, and nothing to show there.
-    #[error(
-        "{0} needs a certificate: say --tls CERTIFICATE KEY (`listen.tls_certificate`, `listen.tls_key`)"
-    )]
-    NoCertificate(HubAddress),
-    /// The account's name cannot be.
-    #[error("the account {0:?} cannot be: {1}")]
-    Account(String, #[source] sk_flat::NameError),
-    /// A module's name cannot be or is given twice.
-    #[error("module {0}: {1}")]
-    Module(&'static str, #[source] NameError),
-    /// A module's parameters cannot be.
-    #[error("module {0}: {1}")]
-    Parameters(&'static str, #[source] ModuleError),
-    /// A link inside the process could not be made.
-    #[error("a module cannot be linked to the hub: {0}")]
-    Link(#[source] io::Error),
 }
 
 impl HubBuilder {
@@ -257,6 +186,8 @@ impl HubBuilder {
         // Programs of the user whose files these are may come in without a token.
         let owner_uid = cx.world().storage.owner_and_mode(places.state()).ok().map(|(owner, _)| owner);
         let server = SkFlowServer::start(cx, Settings { user: account, token: Some(token), owner_uid });
+        // It was made just now.
+        let _ = server.require_channel_binding(cx, config.listen.require_channel_binding);
         let (addresses, fingerprint) = match listening::listen(cx, server, &config, &places) {
             Ok(listening) => listening,
             Err(error) => {
@@ -316,7 +247,7 @@ fn add(
         return Ok(None);
     }
     let pipe = server.pipe(cx, Rights::ALL).map_err(HubError::Link)?;
-    let satellite = SkFlowSat::inside(cx, pipe);
+    let satellite = SkFlowSat::of_module(cx, pipe, name);
     let runner = class
         .runner(name, satellite.flow(name), &config.parameters)
         .map_err(|error| HubError::Parameters(name, error))?;

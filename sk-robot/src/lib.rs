@@ -41,7 +41,9 @@
 #![forbid(unsafe_code)]
 
 pub mod config;
+mod hint;
 pub mod hub;
+mod hub_error;
 mod listening;
 pub mod logging;
 pub mod module_service;
@@ -54,7 +56,7 @@ mod run;
 pub mod supervise;
 
 pub use hub::{Hub, HubBuilder, HubError};
-pub use run::RunError;
+pub use run::{FREED_BYTES_KEPT, RunError};
 
 /// Runs the programs of the guide.
 #[cfg(doctest)]

@@ -1,7 +1,7 @@
 //! Where a hub listens, as its configuration says.
 
 use crate::config::Config;
-use crate::hub::HubError;
+use crate::hub_error::HubError;
 use crate::places::Places;
 use sk_core::flow::{HubAddress, SkFlowServer, TlsIdentity};
 use sk_core::prelude::*;

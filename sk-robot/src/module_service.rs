@@ -2,9 +2,10 @@
 //!
 //! A request is a map: `do` says what, `module` to whom. `list` answers all modules, `info` one with its declared
 //! parameters; `set` changes parameters (`values`, a map), `control` hands `command` to the module, and `start`,
-//! `stop` and `restart` do what they say. What is refused is declined in words.
+//! `stop` and `restart` do what they say. What is refused is declined in words. A module is commanded by who may
+//! administer `account.modules.NAME`; `list` answers those that the asker may command.
 
-use crate::config::hint;
+use crate::hint::hint;
 use sk_core::flow::{Request, Right, SkFlowServer};
 use sk_core::module::{
     ModuleError, ModuleOrder, ModuleState, ModuleStatus, ModuleSupervisor, Modules, ParameterInfo,
@@ -21,6 +22,8 @@ const ORDERS: [&str; 7] = ["list", "info", "set", "control", "start", "stop", "r
 struct ModuleService {
     server: Handle<SkFlowServer>,
     modules: Handle<Modules>,
+    /// The service's full name.
+    name: String,
     /// Those who wait until a module has come to where they want it: a thread takes its time, and one that is begun
     /// again waits until its predecessor is buried.
     waiting: Vec<Waiting>,
@@ -42,18 +45,17 @@ pub(crate) fn offer(
     account: &str,
 ) -> io::Result<()> {
     let doc = "The hub's modules: {do: list | info | set | control | start | stop | restart, module, values, command}";
-    let service = server.serve(cx, &format!("{account}.{NAME}"), doc)?;
-    let answerer = cx.under(server).spawn(ModuleService { server, modules, waiting: Vec::new() });
+    let name = format!("{account}.{NAME}");
+    let service = server.serve(cx, &name, doc)?;
+    let answerer = cx
+        .under(server)
+        .spawn(ModuleService { server, modules, name, waiting: Vec::new() });
     attach!(cx, service.request => answerer.on_request);
     Ok(())
 }
 
 impl ModuleService {
     fn on_request(&mut self, cx: &mut Cx, request: &Request) {
-        if !self.server.may(cx, request.asker(), Right::Administer) {
-            request.decline(cx, "only those may command modules who have the right to administer");
-            return;
-        }
         if let Err(why) = self.obey(cx, request) {
             request.decline(cx, &why);
         }
@@ -65,7 +67,12 @@ impl ModuleService {
         let word = |key: &str| order.get(key).and_then(SkVariant::as_str);
         let what = word("do").ok_or_else(|| format!("say what to `do`: {}", ORDERS.join(", ")))?;
         if what == "list" {
-            let list = self.modules.list(cx).map_err(|error| error.to_string())?;
+            let mut list = self.modules.list(cx).map_err(|error| error.to_string())?;
+            let all = list.len();
+            list.retain(|module| self.may(cx, request, &module.name));
+            if list.is_empty() && all > 0 {
+                return Err(self.denied("*"));
+            }
             let list = SkVariant::list(list.iter().map(|module| told(cx, module)));
             request.answer(cx, list);
             return Ok(());
@@ -73,7 +80,12 @@ impl ModuleService {
         if !ORDERS.contains(&what) {
             return Err(format!("nobody can {what:?} a module; {}", hint(what, ORDERS)));
         }
-        let module = self.find(cx, word("module").unwrap_or_default())?;
+        let name = word("module").unwrap_or_default();
+        if !self.may(cx, request, name) {
+            // Who may not command it does not learn whether it is there either.
+            return Err(self.denied(name));
+        }
+        let module = self.find(cx, name)?;
         let refused = |error: ModuleError| error.to_string();
         match what {
             "set" => {
@@ -124,6 +136,16 @@ impl ModuleService {
             }
             !has_come && waiting.request.is_open(cx)
         });
+    }
+
+    /// Who asks may command a module if he may administer it, by its name below that of the service.
+    fn may(&self, cx: &mut Cx, request: &Request, module: &str) -> bool {
+        let name = format!("{}.{module}", self.name);
+        self.server.may(cx, request.asker(), Right::Administer, &name)
+    }
+
+    fn denied(&self, module: &str) -> String {
+        format!("that takes the right to administer {}.{module}", self.name)
     }
 
     fn find(&self, cx: &mut Cx, name: &str) -> Result<Handle<ModuleSupervisor>, String> {

@@ -4,6 +4,10 @@ use crate::hub::{Hub, HubBuilder, HubError};
 use sk_core::prelude::*;
 use sk_core::world::OsSignal;
 
+/// How much freed memory stays with the process of a hub: what streams have under way comes and goes many times a second,
+/// and should find its pages again. See [`keep_freed_memory`](sk_core::eventloop::SkAppBuilder::keep_freed_memory).
+pub const FREED_BYTES_KEPT: usize = 16 * 1024 * 1024;
+
 /// Why a hub did not run.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -53,7 +57,7 @@ impl HubBuilder {
     /// If there can be no loop, or as [`start`](HubBuilder::start).
     pub fn run(self) -> Result<(), RunError> {
         let event_loop = self.config().event_loop.clone();
-        let app = SkApp::builder().name("hub");
+        let app = SkApp::builder().name("hub").keep_freed_memory(FREED_BYTES_KEPT);
         let mut app = app.configure(|settings| event_loop.apply(settings)).build()?;
         let hub = self.start(app.cx())?;
         for address in hub.addresses() {

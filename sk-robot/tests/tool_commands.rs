@@ -161,11 +161,27 @@ fn a_hub_is_reached_at_every_kind_of_address_by_who_knows_its_certificate() {
             assert_eq!(success(&listed), "no channels\n", "{address} {trust:?}");
         }
         let other = "0f".repeat(32);
-        failure(&hub.sk(&["--hub", &address, "--tls-pin", &other, "ls"]), 1);
+        let said = failure(&hub.sk(&["--hub", &address, "--tls-pin", &other, "ls"]), 1);
+        let why = "cannot be used: its certificate has another fingerprint than the one that is trusted";
+        assert_eq!(said, format!("sk: the hub at {address} {why}\n"));
         let said = failure(&hub.sk(&["--hub", &address, "ls"]), 1);
         assert!(said.contains("--tls-ca") && said.contains("--tls-pin"), "{said}");
     }
     assert!(address("wss").ends_with("/robot"));
+    let elsewhere = plain.replace("/flow", "/elsewhere");
+    let said = failure(&hub.sk(&["--hub", &elsewhere, "ls"]), 1);
+    assert!(said.contains("cannot be used: ") && said.contains("404 Not Found"), "{said}");
+}
+
+/// A WebSocket address is reached by a name that the hub does not answer to.
+#[test]
+fn t13_a_hub_that_does_not_answer_to_a_name_says_so_to_who_uses_it() {
+    let hub = Hub::start_in(new_folder(), &["--tcp", "off", "--without", "host", "--listen", "ws:0.0.0.0:0"]);
+    let line = hub.greeting.iter().find_map(|line| line.split_once("ws:0.0.0.0:")).unwrap();
+    let port = line.1.split('/').next().unwrap();
+    let said = failure(&hub.sk(&["--hub", &format!("ws:127.0.0.2:{port}/flow"), "ls"]), 1);
+    assert!(said.contains("cannot be used: ") && said.contains("421 Misdirected Request: "), "{said}");
+    assert_eq!(success(&hub.sk(&["--hub", &format!("ws:127.0.0.1:{port}/flow"), "ls"])), "no channels\n");
 }
 
 #[test]
@@ -222,4 +238,26 @@ fn a_hub_is_reached_over_a_serial_line() {
     success(&hub.sk(&["--hub", &address, "db", "create", "line"]));
     success(&hub.sk(&["--hub", &address, "db", "set", "line", "x", "1"]));
     assert_eq!(success(&hub.sk(&["db", "get", "line", "x"])), "1\n");
+}
+
+#[test]
+fn t17_a_hub_may_require_that_logins_over_tls_are_bound_and_the_tool_binds_its_own() {
+    let folder = new_folder();
+    std::fs::create_dir_all(&folder).unwrap();
+    let made = rcgen::generate_simple_self_signed(["127.0.0.1".to_owned()]).unwrap();
+    let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let (certificate, key, config) = (path("hub.pem"), path("hub.key"), path("config.json"));
+    std::fs::write(&certificate, made.cert.pem()).unwrap();
+    std::fs::write(&key, made.signing_key.serialize_pem()).unwrap();
+    std::fs::write(&config, "{\"listen\": {\"require_channel_binding\": true}}").unwrap();
+    let options = ["--config", &config, "--tcp", "off", "--without", "host", "--tls", &certificate, &key];
+    let hub = Hub::start_in(folder, &[&options[..], &["--listen", "tls:127.0.0.1:0"]].concat());
+    let line = hub.greeting.iter().find_map(|line| line.split_once("tls:127.0.0.1:")).unwrap();
+    let at = format!("tls:127.0.0.1:{}", line.1.split_whitespace().next().unwrap());
+    assert_eq!(success(&hub.sk(&["--hub", &at, "--tls-ca", &certificate, "ls"])), "no channels\n");
+    let said = success(&hub.sk_with_input(&["user", "add", "ada"], "pencil\n"));
+    assert!(said.contains("no rights yet"), "{said}");
+    let listed =
+        hub.sk_with_input(&["--hub", &at, "--tls-ca", &certificate, "--user", "ada", "ls"], "pencil\n");
+    assert_eq!(text(&listed.stdout), "no channels\n", "{}", text(&listed.stderr));
 }

@@ -167,3 +167,72 @@ fn call_prints_every_answer_and_says_why_there_is_none() {
     assert_eq!(text(&hub.sk(&["call", "countdown", "0"]).stdout), "\"ended\"\n");
     satellite.join().unwrap();
 }
+
+/// Publishes a rising number by datagram at every tick, until it is told to end.
+struct Beacon {
+    hub: Handle<SkFlowSat>,
+    sent: u64,
+}
+
+object! { Beacon { slots { tick() on_lost() } } }
+
+impl Beacon {
+    fn tick(&mut self, cx: &mut Cx) {
+        // Before that it would go over the connection.
+        if self.hub.is_udp_open(cx) && self.hub.publish(cx, "pose", self.sent) {
+            self.sent += 1;
+        }
+    }
+    fn on_lost(&mut self, cx: &mut Cx) {
+        cx.quit();
+    }
+}
+
+fn beacon(socket: &Path) -> std::thread::JoinHandle<()> {
+    let address = HubAddress::from(socket);
+    std::thread::spawn(move || {
+        let builder = SkApp::builder().mode(TimingMode::SelectIo).interval(Duration::from_millis(5));
+        let mut app = builder.build().unwrap();
+        let cx = app.cx();
+        let hub = SkFlowSat::connect(cx, &address);
+        hub.open(cx, "pose", SkVariant::map([("format", "variant".into())])).unwrap();
+        hub.publish_by_udp(cx, "pose").unwrap();
+        let beacon = cx.spawn(Beacon { hub, sent: 0 });
+        attach!(cx, cx.fast_zone().pulse => beacon.tick);
+        attach!(cx, hub.lost => beacon.on_lost());
+        app.run();
+    })
+}
+
+#[test]
+fn s71_a_hub_that_is_told_so_takes_what_is_published_by_datagram_and_counts_it() {
+    let hub =
+        Hub::start_in(new_folder(), &["--tcp", "off", "--without", "host", "--listen", "udp:127.0.0.1:0"]);
+    let line = hub.greeting.iter().find_map(|line| line.split_once("udp:127.0.0.1:")).unwrap();
+    let port: u16 = line.1.split_whitespace().next().unwrap().parse().unwrap();
+    let told = &objects(&hub.sk(&["info", "--json"]))[0]["datagrams"];
+    assert_eq!((&told["port"], &told["taken"]), (&port.into(), &0.into()));
+
+    let satellite = beacon(&hub.folder.join("hub.sock"));
+    let heard = lines(&hub.sk(&["echo", "pose", "--wait", "-n", "5"]));
+    let numbers: Vec<u64> = heard.iter().map(|line| line.parse().unwrap()).collect();
+    assert!(numbers.is_sorted() && numbers.len() == 5, "{numbers:?}");
+    // A stranger's datagram is counted and does nothing else.
+    let stranger = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+    stranger.send_to(&[0; 60], ("127.0.0.1", port)).unwrap();
+    let told = loop {
+        let told = objects(&hub.sk(&["info", "--json"])).remove(0);
+        if told["datagrams"]["unknown"] == 1 {
+            break told;
+        }
+    };
+    assert!(told["datagrams"]["taken"].as_u64() >= Some(5), "{told}");
+    assert_eq!((&told["datagrams"]["forged"], &told["spurious"]), (&0.into(), &0.into()));
+    let shown = success(&hub.sk(&["info"]));
+    assert!(
+        shown.contains(&format!("at port {port}: ")) && shown.contains("1 of no session"),
+        "{shown}"
+    );
+    hub.end();
+    satellite.join().unwrap();
+}

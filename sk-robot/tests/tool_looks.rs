@@ -61,7 +61,7 @@ fn graph_draws_who_publishes_to_whom_and_leaves_itself_out() {
     ];
     assert_eq!(drawn[..4], expected);
     // That of the module which is left out.
-    assert!(drawn[4].starts_with("robot.flow-") && drawn[4].ends_with("  (no channels)"), "{drawn:?}");
+    assert_eq!(drawn[4], "robot.modules.host  (no channels)");
     assert_eq!(drawn.len(), 5);
     let dot = success(&hub.sk(&["graph", "--dot"]));
     assert!(dot.contains(&format!("\"{publisher}\" -> \"robot.beat\";")), "{dot}");
@@ -101,6 +101,8 @@ fn info_tells_of_the_hub_of_a_channel_and_of_a_flow() {
 
     let told = success(&hub.sk(&["info", &hearer]));
     assert!(told.contains("owns        no channel\nhears       robot.beat\n"), "{told}");
+    // What a satellite tells of its loop.
+    assert!(told.contains("\npulse       every ") && told.contains(", in the mode "), "{told}");
     assert_eq!(objects(&hub.sk(&["info", &publisher, "--json"]))[0]["owns"][0], "robot.beat");
     let said = failure(&hub.sk(&["info", "baet"]), 1);
     assert_eq!(said, "sk: no channel or flow baet: did you mean robot.beat?\n");
@@ -211,4 +213,22 @@ fn completions_are_written_for_each_shell_without_a_hub() {
         let written = success(&sk(&nowhere, &["completions", shell]));
         assert!(written.contains(word) && written.contains("graph"), "{shell}");
     }
+}
+
+#[test]
+fn the_flow_of_a_module_is_called_after_it_on_the_hubs_loop_and_on_a_thread() {
+    let folder = new_folder();
+    std::fs::create_dir_all(&folder).unwrap();
+    let config = folder.join("config.json");
+    for thread in ["null", "{}"] {
+        let module = format!("{{\"thread\": {thread}}}");
+        std::fs::write(&config, format!("{{\"modules\": {{\"host\": {module}}}}}")).unwrap();
+        let options = ["--tcp", "off", "--config", config.to_str().unwrap()];
+        let hub = Hub::start_in(new_folder(), &options);
+        Running::start(&hub, &["echo", "host.uptime", "--wait"]).line();
+        let listed = objects(&hub.sk(&["ls", "host.uptime", "--json"]));
+        assert_eq!(listed[0]["owner"], "robot.modules.host", "thread: {thread}");
+        assert!(success(&hub.sk(&["info", "modules.host"])).contains("robot.host.uptime"));
+    }
+    std::fs::remove_dir_all(&folder).unwrap();
 }

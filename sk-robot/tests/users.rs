@@ -165,3 +165,31 @@ fn a_typed_password_is_not_echoed() {
     assert!(!text(&shown).contains("pencil"), "{}", text(&shown));
     good(as_ada(&hub, "pencil", &["ls"]));
 }
+
+#[test]
+fn s92_a_module_is_commanded_by_who_may_administer_it_and_by_nobody_else() {
+    let hub = Hub::start();
+    good(sk_with(&hub, "pencil\n", &["user", "add", "ada"]));
+    let grant = |right: &str, pattern: &str| good(hub.sk(&["user", "grant", "ada", right, pattern]));
+    let ask = |what: &str| {
+        as_ada(
+            &hub,
+            "pencil",
+            &["call", "robot.modules", &format!("{{\"do\":\"{what}\",\"module\":\"host\"}}")],
+        )
+    };
+    grant("call", "robot.modules");
+    for other in ["robot.modules", "robot.modules.other", "robot.host.*"] {
+        grant("administer", other);
+        for what in ["list", "info", "stop"] {
+            let said = bad(ask(what));
+            assert!(said.contains("the right to administer robot.modules."), "{other}: {said}");
+        }
+        good(hub.sk(&["user", "revoke", "ada", "administer"]));
+    }
+    grant("administer", "robot.modules.host");
+    assert!(good(ask("list")).contains("\"name\":\"host\""));
+    assert!(good(ask("stop")).contains("\"state\":\"stopped\""));
+    assert!(good(ask("start")).contains("\"state\":\"running\""));
+    assert!(bad(as_ada(&hub, "pencil", &["user", "list"])).contains("no right"), "of modules alone");
+}

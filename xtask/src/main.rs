@@ -3,7 +3,7 @@
 //! `test` is the whole gate, the same on a contributor's machine and in continuous integration; `tidy` is
 //! the part of it that checks the rules of this tree which no compiler knows; `sim` runs seeds of the network in
 //! a box. `bench-peers` prepares what the benches are compared with, `bench-report` runs them and writes the page
-//! on performance. `schema` writes the JSON Schema of the hub's configuration.
+//! on performance. `wheels` builds what pip installs. `schema` writes the JSON Schema of the hub's configuration.
 #![forbid(unsafe_code)]
 
 mod peers;
@@ -13,6 +13,7 @@ mod schema;
 mod sim;
 mod test;
 mod tidy;
+mod wheels;
 mod workspace;
 
 use clap::{Parser, Subcommand};
@@ -35,6 +36,8 @@ enum Command {
     Schema,
     /// Runs seeds of the network in a box.
     Sim(sim::Options),
+    /// Builds what pip installs: the hub, and the Python client.
+    Wheels,
     /// Installs and builds what the benches are compared with.
     BenchPeers,
     /// Runs every bench and writes the page on performance.
@@ -48,6 +51,7 @@ fn main() -> ExitCode {
         Command::Sim(options) => sim::run(&options),
         Command::BenchPeers => peers::run(),
         Command::BenchReport(options) => report::run(&options),
+        Command::Wheels => wheels::run(),
         Command::Tidy => tidy::run().map(|summary| println!("tidy: {summary}")),
     };
     match outcome {

@@ -62,6 +62,37 @@ class Asyncio(HubTest):
                 messages.__anext__()
         self.run_all(steps)
 
+    def test_who_waits_for_a_message_does_not_wait_for_ever(self):
+        from pysketch.aio import AsyncSat
+        # In the syntax that users write, which Python 2 cannot read.
+        names = {}
+        exec("async def listen(messages, seen):\n"
+             "    async for message in messages:\n"
+             "        seen.append(message.value)\n"
+             "    seen.append('over')\n", names)
+
+        def steps():
+            import asyncio
+            inner, seen = FlowSat(self.hub.unix, interval=0.01), []
+            once = inner.stream("once", latch=True)
+            sat = yield AsyncSat(inner).__aenter__()
+            tasks = [asyncio.ensure_future(names["listen"](sat.messages(name), seen)) for name in ("robot.once", "robot.never")]
+            closed = sat.messages("robot.closed")
+            tasks.append(asyncio.ensure_future(names["listen"](closed, seen)))
+            while not once.wanted:
+                yield asyncio.ensure_future(asyncio.sleep(0))
+            once.publish(1)
+            while not seen:
+                yield asyncio.ensure_future(asyncio.sleep(0))
+            self.assertEqual(seen, [1])
+            closed.close()
+            yield tasks[2]
+            yield sat.__aexit__(None, None, None)
+            for task in tasks[:2]:
+                yield task
+            self.assertEqual(seen, [1, "over", "over", "over"])
+        self.run_all(steps)
+
     def test_a_hub_that_is_not_there_is_an_error(self):
         from pysketch.aio import AsyncSat
 

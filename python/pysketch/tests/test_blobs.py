@@ -66,6 +66,26 @@ class Blobs(HubTest):
                 hub.read_file("robot.store", "two")
             self.assertEqual(caught.exception.code, "NoSuchPath")
 
+    def test_a_file_that_vanishes_under_way_is_told(self):
+        folder = tempfile.mkdtemp(prefix="pysketch-")
+        self.addCleanup(shutil.rmtree, folder)
+        paths = [os.path.join(folder, name) for name in ("gone", "cut", "grown")]
+        for path in paths:
+            with open(path, "wb") as file:
+                file.write(b"x" * 600000)
+        uploads = [self.store.upload_file(os.path.basename(path), path, self.outcomes.append) for path in paths]
+        os.remove(paths[0])
+        open(paths[1], "wb").close()
+        with open(paths[2], "ab") as file:
+            file.write(b"and more")
+        self.done(3)
+        self.assertTrue(all(upload.done for upload in uploads))
+        codes = sorted(error.code for error in self.outcomes if error is not None)
+        self.assertEqual(codes, ["Aborted", "Aborted"])
+        with connect(self.hub.unix) as hub:
+            # What was measured is what is sent.
+            self.assertEqual(hub.read_file("robot.store", "grown"), b"x" * 600000)
+
 
 class Interruption(Patience):
     """A hub that is killed in the middle of an upload."""

@@ -90,6 +90,27 @@ class Channels(HubTest):
         self.assertEqual(got, sent)
         self.assertGreater(max(sizes), 1)
 
+    def test_what_flows_through_the_hub_finds_its_memory_again(self):
+        owner, listener, got = self.sat(), self.sat(), [0]
+        stream = owner.stream("flowing", delivery="reliable", format="bytes")
+        listener.subscribe("robot.flowing", on_batch=lambda channel, some: got.__setitem__(0, got[0] + len(some)))
+        self.until(lambda: stream.listened and stream.wanted, owner, listener)
+
+        def pages():
+            with open("/proc/%d/stat" % self.hub.process.pid) as file:
+                return int(file.read().rpartition(")")[2].split()[7])
+
+        def burst(count):
+            before, sent = pages(), got[0]
+            for number in range(sent, sent + count):
+                self.until(lambda: stream.wanted, owner, listener)
+                stream.publish_bytes(b"\7" * 65536)
+            self.until(lambda: got[0] == sent + count, owner, listener)
+            return pages() - before
+        burst(100)
+        # Each message has sixteen pages.
+        self.assertLess(burst(400), 400)
+
     def test_what_is_dropped_is_told(self):
         owner, listener, told = self.sat(), self.sat(), []
         stream = owner.stream("flood", format="bytes")
@@ -125,6 +146,22 @@ class Channels(HubTest):
             with self.assertRaises(Refused) as caught:
                 hub.inspect("weather")
             self.assertEqual(caught.exception.code, "NoSuchSubject")
+
+    def test_a_taken_name_is_asked_for_again_and_said_once(self):
+        one, two, told = self.sat(), self.sat(), []
+        first = one.stream("taken")
+        self.until(lambda: first.opened, one)
+        two.on_refused = told.append
+        second = two.stream("taken")
+        self.until(lambda: told, two)
+        for _ in range(3):
+            second.create()
+        # The hub answers in order: what comes next shows that all three were refused.
+        third = two.stream("free")
+        self.until(lambda: third.opened, one, two)
+        self.assertEqual([refusal.code for refusal in told], ["Exists"])
+        one.close()
+        self.until(lambda: second.opened, two)
 
     def test_wishes_that_cannot_be_are_said_at_once(self):
         sat = FlowSat(self.hub.unix)

@@ -28,6 +28,18 @@ class Accounts(HubTest):
             owner.remove_user("guest")
         self.until(lambda: not sat.ready or not refusals, sat)
 
+    def test_who_may_use_no_database_is_not_told_so_again_and_again(self):
+        with connect(self.hub.unix) as owner:
+            owner.set_user("mute", "word")
+        refusals = []
+        sat = self.keep(FlowSat(self.hub.tcp, credentials=("mute", "word"), interval=0.01))
+        sat.on_refused = refusals.append
+        self.until(lambda: sat.ready, sat)
+        # What a satellite tells of itself is on its way before this, and refused before it.
+        sat.stream("mine")
+        self.until(lambda: refusals, sat)
+        self.assertEqual([(refusal.code, refusal.about) for refusal in refusals], [("Denied", "mine")])
+
 
 if __name__ == "__main__":
     unittest.main()

@@ -4,7 +4,7 @@ import os
 import unittest
 
 from hub import Hub, HubTest, Patience, free_port
-from pysketch import FlowSat, LinkError, LoginError, Refused, Sketch, Token, connect
+from pysketch import Closed, FlowSat, LinkError, LoginError, Refused, Sketch, Token, connect
 
 
 class Streams(HubTest):
@@ -64,6 +64,34 @@ class Streams(HubTest):
         one.close()
         two.close()
 
+    def test_another_hub_that_is_not_there_is_no_loss_of_this_one(self):
+        lost, asked = [], []
+
+        def ask_elsewhere(message):
+            asked.append(message.value)
+            connect("unix:/nowhere/hub.sock")
+        sat = self.sat()
+        sat.on_lost = lost.append
+        stream = sat.stream("trouble")
+        sat.subscribe("robot.trouble", ask_elsewhere)
+        self.until(lambda: stream.listened, sat)
+        stream.publish(1)
+        with self.assertRaises(LinkError) as caught:
+            self.until(lambda: False, sat)
+        self.assertIn("/nowhere", str(caught.exception))
+        self.assertEqual((asked, lost, sat.ready), ([1], [], True))
+
+    def test_a_name_that_another_flow_has_is_waited_for(self):
+        one, two, lost = self.sat(name="twin"), self.sat(name="twin"), []
+        two.on_lost = lost.append
+        self.until(lambda: one.ready, one)
+        self.until(lambda: lost, two)
+        one.close()
+        self.until(lambda: two.ready, two)
+        self.assertEqual(two.flow_name, u"robot.twin")
+        # Said once, however often it was tried.
+        self.assertEqual(lost, ["another satellite is called twin"])
+
 
 class Questions(HubTest):
     """Temporary synchronous connections."""
@@ -86,6 +114,25 @@ class Questions(HubTest):
         with self.assertRaises(LinkError) as caught:
             connect("robot")
         self.assertIn("tcp:HOST:PORT", str(caught.exception))
+
+    def test_a_connection_that_was_left_alone_asks_on(self):
+        with connect(self.hub.unix) as owner:
+            owner.create_database("shelf")
+            owner.select("shelf").set("cup", 1)
+            with connect(self.hub.unix) as hub:
+                hub.select("shelf")
+                before = hub._connection
+                # As if the last answer had come long ago: the hub would have ended it.
+                before.heard -= 60
+                self.assertEqual(hub.get("cup"), 1)
+                self.assertIsNot(hub._connection, before)
+                hub._connection.heard -= 60
+                owner.remove_database("shelf")
+                self.assertRaises(Refused, hub.get, "cup")
+                self.assertTrue(hub.channels() is not None)
+        with self.assertRaises(Closed) as caught:
+            hub.channels()
+        self.assertIn("was closed", str(caught.exception))
 
 
 class Reconnection(Patience):

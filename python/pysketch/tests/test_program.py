@@ -62,6 +62,35 @@ class Program(HubTest):
             process.terminate()
             process.wait()
 
+    def test_a_sketch_without_a_hub_says_so_and_goes_on_looking(self):
+        with open(os.path.join(self.folder, "early.py"), "w") as file:
+            file.write("from pysketch import Sketch\nsketch = Sketch('unix:%s/hub.sock', interval=0.01)\n"
+                       "sketch.loop(lambda: sketch.publish('early', 1))\nsketch.run()\n" % self.folder)
+        process = self.start("early.py")
+        try:
+            line = process.stdout.readline()
+            self.assertIn("is skrobot running?", line)
+            # The hub's own door, under the name at which the sketch looks for it.
+            os.symlink(os.path.join(self.hub.folder, "hub.sock"), os.path.join(self.folder, "hub.sock"))
+            with connect(self.hub.unix) as hub:
+                self.patiently(lambda: "robot.early" in [channel.name for channel in hub.channels()])
+        finally:
+            process.terminate()
+            process.wait()
+        self.assertEqual(process.stdout.read(), "")
+
+    def test_mistakes_are_one_line(self):
+        for arguments, words in ((("run", "nothing.py"), "there is no file nothing.py"),
+                                 (("new", "no/where/ramp.py"), "No such file"),
+                                 (("new", "2nd.py"), "makes no name"),
+                                 (("new", "pysketch.py"), "call it otherwise"),
+                                 (("bundle", "no/where.py"), "No such file"),
+                                 (("relay", "unix:/x"), "is no serial line"),
+                                 (("relay", "tty:/dev/null"), "cannot be used")):
+            said, status = self.pysketch(*arguments)
+            self.assertEqual((status, len(said.splitlines())), (1, 1), said)
+            self.assertIn(words, said)
+
     def test_a_hub_that_is_not_there_is_one_line(self):
         said, status = self.pysketch("check", "--hub", "unix:/nowhere/hub.sock")
         self.assertEqual((status, len(said.splitlines())), (1, 1), said)

@@ -6,11 +6,12 @@ import random
 import threading
 import unittest
 
-from hub import HubTest
+from cable import Cable
+from hub import Hub, HubTest, Patience
 from pysketch import FlowSat, LinkError, Token, connect
 from pysketch.envelope import OPEN, Envelope, SlipReader, decode, encode, slip
 from pysketch.line import Line
-from pysketch.links import Address
+from pysketch.address import Address
 from pysketch.relay import Relay
 from pysketch.tty import Port
 
@@ -134,6 +135,60 @@ class OverAPseudoTerminal(HubTest):
             FlowSat("tty:/dev/null", credentials=self.token).connect()
         self.assertIn("/dev/null", str(caught.exception))
         self.assertRaises(LinkError, Address, "tty:/dev/ttyS0?baud=fast")
+
+
+class AtTheHubsOwnDoor(Patience):
+    """Satellites at one end of a cable, at the other a hub that listens there by itself."""
+
+    def begin(self, **cable):
+        """A cable and a hub at its far end."""
+        self.cable = Cable(**cable)
+        self.addCleanup(self.cable.close)
+        near, far = self.cable.ends
+        self.hub = self.keep_hub(Hub("--without", "host", "--listen", "tty:%s?baud=115200" % far))
+        self.address, self.token = "tty:%s?baud=115200" % near, Token.read(self.hub.token)
+        return self.keep(FlowSat(self.address, interval=0.01, credentials=self.token))
+
+    def test_a_flow_a_service_and_a_question_share_the_line(self):
+        sat, got, replies = self.begin(), [], []
+        stream = sat.stream("serial", format="bytes")
+        sat.subscribe("robot.serial", lambda message: got.append(message.payload))
+        sat.serve("half", lambda request: request.value / 2.0)
+        self.until(lambda: stream.listened, sat)
+        sent = [b"", b"\xc0\xdb\xdc\xdd" * 300, os.urandom(20000)]
+        for payload in sent:
+            self.assertTrue(stream.publish_bytes(payload))
+        sat.call("robot.half", 7, replies.append, within=60)
+        self.until(lambda: len(got) == len(sent) and replies, sat)
+        self.assertEqual((got, replies[0].value), (sent, 3.5))
+        with self.pulsing(sat), connect(self.address, self.token) as hub:
+            self.assertIn(u"robot.serial", [channel.name for channel in hub.channels()])
+            self.assertEqual(hub.call("robot.half", 3), 1.5)
+
+    def test_a_bad_cable_loses_nothing(self):
+        sat, got = self.begin(damage=0.03), []
+        stream = sat.stream("noisy", format="bytes")
+        sat.subscribe("robot.noisy", lambda message: got.append(message.payload), policy="all", depth=64)
+        self.until(lambda: stream.listened, sat)
+        sent = [os.urandom(700) for _ in range(40)]
+        for payload in sent:
+            self.assertTrue(stream.publish_bytes(payload))
+        self.until(lambda: len(got) == len(sent), sat)
+        self.assertEqual(got, sent)
+        self.assertGreater(self.cable.damaged, 0)
+
+    def test_a_hub_that_comes_back_is_found_on_the_same_line(self):
+        sat, lost, got = self.begin(), [], []
+        sat.on_lost = lost.append
+        sat.subscribe("robot.again", lambda message: got.append(message.value))
+        stream = sat.stream("again")
+        self.until(lambda: stream.listened, sat)
+        self.hub.kill()
+        self.until(lambda: lost, sat)
+        self.hub.start()
+        self.until(lambda: stream.listened, sat)
+        stream.publish(7)
+        self.until(lambda: got == [7], sat)
 
 
 if __name__ == "__main__":

@@ -78,6 +78,13 @@ class Services(HubTest):
         self.assertIn("busy", errors[2].text)
         self.assertRaises(Refused, lambda: replies[0][0].value)
 
+    def test_an_answer_that_cannot_be_sent_is_declined(self):
+        self.server.serve("odd", lambda request: {1: object()})
+        replies = self.ask("robot.odd", None)
+        self.both(lambda: replies)
+        self.assertEqual(replies[0].error.code, "Declined")
+        self.assertIn("VariantError", replies[0].error.text)
+
     def test_the_owner_hears_that_nobody_waits(self):
         waiting = []
         self.server.serve("slow", waiting.append)
@@ -103,6 +110,24 @@ class Services(HubTest):
             with self.assertRaises(Refused) as caught:
                 hub.call("robot.nobody", 1)
             self.assertEqual(caught.exception.code, "NoSuchService")
+
+    def test_answers_that_nobody_waits_for_do_not_stand_in_the_way(self):
+        sketch = self.keep(Sketch(self.hub.unix, interval=0.01))
+
+        @sketch.serve("count")
+        def count(request):
+            for number in range(request.value):
+                request.answer(number, more=True)
+            return u"done"
+        self.until(lambda: sketch.flow.own["count"].opened, sketch)
+        with self.pulsing(sketch), connect(self.hub.unix) as hub:
+            hub.select("user:robot")
+            for number in hub.call_all("robot.count", 100):
+                break
+            self.assertEqual(number, 0)
+            self.assertEqual(hub.call("robot.count", 0), u"done")
+            # The database is still the current one.
+            self.assertGreater(hub.get("hub.flows"), 0)
 
 
 if __name__ == "__main__":

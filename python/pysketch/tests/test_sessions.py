@@ -4,7 +4,7 @@ import unittest
 
 from hub import HubTest, Hub, Patience
 from proxy import Proxy
-from pysketch import FlowSat, LinkError, Sketch, Token
+from pysketch import FlowSat, LinkError, Sketch, Token, connect
 
 
 class Resumption(HubTest):
@@ -29,10 +29,85 @@ class Resumption(HubTest):
         self.until(lambda: roamer.ready and stream.listened, *both)
         self.assertTrue(roamer.flow.resumed)
         self.assertEqual((roamer.flow_name, went), (u"robot.roamer", []))
+        seen = listener.flow.channels.by_name[u"robot.position"]
+        self.until(lambda: seen.owner == roamer.flow.connection.number, *both)
         stream.publish(2)
         orders.publish(u"go home")
         self.until(lambda: heard and got, *both)
         self.assertEqual((heard, got), ([2], [u"go home"]))
+
+    def roamer(self, name="roamer"):
+        """A satellite whose link can be cut."""
+        proxy = Proxy(self.hub.tcp)
+        self.addCleanup(proxy.close)
+        sat = self.keep(FlowSat(proxy.address, name, Token.read(self.hub.token), interval=0.01))
+        sat.lost, sat.on_lost = [], lambda why: sat.lost.append(why)
+        return sat, proxy
+
+    def cut(self, sat, proxy, meanwhile):
+        """Cuts its link, does something before it is back, and waits for that."""
+        proxy.cut()
+        self.until(lambda: sat.lost, sat)
+        meanwhile()
+        self.until(lambda: sat.ready, sat)
+        self.assertTrue(sat.flow.resumed)
+
+    def test_a_source_of_ticks_goes_on_counting(self):
+        source, proxy = self.roamer("source")
+        target, ticks = self.sat(), []
+        beat = source.sync_source("beat")
+        target.loop = lambda: ticks.append(target.tick)
+        target.sync_to("robot.beat", 1)
+        self.until(lambda: len(ticks) >= 3, source, target)
+        number = beat.sequence
+        self.cut(source, proxy, lambda: None)
+        # A number that does not grow would end it: only a liar sends that.
+        self.until(lambda: beat.sequence > number and ticks[-1] > number, source, target)
+        self.assertEqual((len(source.lost), sorted(set(ticks))), (1, ticks))
+
+    def test_what_was_given_up_meanwhile_is_given_up_at_the_hub(self):
+        sat, proxy = self.roamer("fickle")
+        owner, refused = self.sat(), []
+        sat.on_refused = refused.append
+        radio, clock, copied = owner.stream("radio"), owner.sync_source("clock"), owner.stream("copied")
+        sat.subscribe("robot.radio")
+        sat.sync_to("robot.clock", 1)
+        sat.subscribe("robot.copy")
+        copy, junk = sat.repeat("copy", "robot.copied"), sat.stream("junk")
+        both = (sat, owner)
+        self.until(lambda: radio.listened and clock.listened and copied.listened and junk.opened, *both)
+
+        def give_up():
+            sat.unsubscribe("robot.radio")
+            sat.sync_stop()
+            copy.stop_repeating()
+            junk.remove()
+        self.cut(sat, proxy, give_up)
+        self.until(lambda: not (radio.listened or clock.listened or copied.listened or copy.repeating), *both)
+        with connect(self.hub.unix) as hub:
+            self.patiently(lambda: sat.pulse_once() or "robot.junk" not in [one.name for one in hub.channels()])
+        self.assertEqual(refused, [])
+
+    def test_a_replica_that_the_hub_kept_is_no_refusal(self):
+        sat, proxy = self.roamer("echoing")
+        owner, refused, got = self.sat(), [], []
+        sat.on_refused = refused.append
+        owner.subscribe("robot.mirror", lambda message: got.append(message.value))
+        one, two = owner.stream("one"), owner.stream("two")
+        mirror = sat.repeat("mirror", "robot.one")
+        both = (sat, owner)
+        self.until(lambda: one.listened, *both)
+        self.cut(sat, proxy, lambda: None)
+        self.until(lambda: mirror.repeating, *both)
+        one.publish(1)
+        self.until(lambda: got == [1], *both)
+        # Another source in its place, with a link and while there is none.
+        mirror.repeat("robot.two")
+        self.until(lambda: two.listened and not one.listened, *both)
+        sat.lost = []
+        self.cut(sat, proxy, lambda: mirror.repeat("robot.one"))
+        self.until(lambda: one.listened and not two.listened, *both)
+        self.assertEqual(refused, [])
 
 
 class Restoration(Patience):

@@ -46,6 +46,16 @@ class Stubs(unittest.TestCase):
             defined = set(node.name for node in ast.parse(file.read()).body if hasattr(node, "name"))
         self.assertEqual(set(pysketch.__all__) - defined, set())
 
+    def test_what_users_call_is_in_the_stub(self):
+        with open(os.path.join(FOLDER, "__init__.pyi")) as file:
+            classes = dict((node.name, node) for node in ast.parse(file.read()).body if isinstance(node, ast.ClassDef))
+        inner = {"SyncConnection": ("on_run", "on_event")}
+        for name in ("FlowSat", "Sketch", "SyncConnection", "Message", "Reply", "Files"):
+            said = set(node.name for node in classes[name].body if isinstance(node, ast.FunctionDef))
+            said |= set(node.target.id for node in classes[name].body if isinstance(node, ast.AnnAssign))
+            there = set(one for one in vars(getattr(pysketch, name)) if not one.startswith("_"))
+            self.assertEqual(there - said - set(inner.get(name, ())), set(), name)
+
     def test_aio_is_as_its_stub_says(self):
         from pysketch import aio
         self.check("aio.pyi", aio)

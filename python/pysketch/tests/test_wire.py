@@ -40,6 +40,16 @@ class GoldenVectors(unittest.TestCase):
         wanted = set(table.COMMANDS) | set("event " + name for name in table.EVENTS)
         self.assertEqual(seen, wanted)
 
+    def test_every_command_is_spoken(self):
+        folder, spoken = os.path.dirname(os.path.abspath(table.__file__)), ""
+        for name in os.listdir(folder):
+            if name.endswith(".py") and name != "table.py":
+                with open(os.path.join(folder, name)) as file:
+                    spoken += file.read()
+        unspoken = set(name for name in table.COMMANDS if '"%s"' % name not in spoken)
+        # Datagrams are for publishers that can do without Python.
+        self.assertEqual(unspoken, set(["udp_open"]))
+
     def test_every_kind_of_variant_is_read(self):
         expected = {
             "null": None, "bool": True, "i8": -1, "i16": -2, "i32": -3, "i64": -4, "u8": 1, "u16": 2, "u32": 3,
@@ -145,6 +155,9 @@ class Scram(unittest.TestCase):
     """The exchange of RFC 7677, section 3."""
 
     def test_the_example_of_the_standard(self):
+        # Its rounds are fewer than a hub may ask for.
+        self.addCleanup(setattr, login, "ROUNDS_MIN", login.ROUNDS_MIN)
+        login.ROUNDS_MIN = 4096
         password = login.Password(u"user", u"pencil")
         password.begin(b"")
         password._nonce, password._first = "rOprNGfwEbeRWgbNEkqO", "n=user,r=rOprNGfwEbeRWgbNEkqO"
@@ -154,6 +167,15 @@ class Scram(unittest.TestCase):
         import base64
         self.assertTrue(password.hub_is_true(base64.b64decode("6rriTRBi23WpRR/wtup+mMhUZUn/dB5nLTJRsjl95G4=")))
         self.assertFalse(password.hub_is_true(b"\0" * 32))
+
+    def test_a_hub_that_asks_for_too_few_or_too_many_rounds_is_left(self):
+        password = login.Password(u"user", u"pencil")
+        password.begin(b"\1" * 18)
+        for rounds in (0, 4096, 14999, 1000001, 10 ** 12):
+            challenge = "r=%sx,s=W22ZaJ0SNY7soEsUEjb6gQ==,i=%d" % (password._nonce, rounds)
+            with self.assertRaises(login.LoginError) as caught:
+                password.prove(challenge)
+            self.assertIn("%d rounds" % rounds, str(caught.exception))
 
     def test_a_challenge_for_another_nonce_is_refused(self):
         password = login.Password(u"user", u"pencil")

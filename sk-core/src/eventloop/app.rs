@@ -3,6 +3,7 @@
 use crate::Cx;
 use crate::eventloop::poll::OS_SIGNALS_TOKEN;
 use crate::eventloop::{LoopSettings, SettingsError, TimingMode};
+use crate::sys;
 use crate::testing::Scheduler;
 use crate::world::World;
 use std::cell::Cell;
@@ -81,7 +82,12 @@ impl SkApp {
 
     /// An application with settings of its own.
     pub fn builder() -> SkAppBuilder {
-        SkAppBuilder { name: "main".to_owned(), settings: LoopSettings::default(), world: None }
+        SkAppBuilder {
+            name: "main".to_owned(),
+            settings: LoopSettings::default(),
+            world: None,
+            freed_bytes_kept: None,
+        }
     }
 
     pub(crate) fn assemble(cx: Cx, scheduler: Option<Rc<Scheduler>>) -> SkApp {
@@ -155,6 +161,7 @@ pub struct SkAppBuilder {
     name: String,
     settings: LoopSettings,
     world: Option<World>,
+    freed_bytes_kept: Option<usize>,
 }
 
 impl SkAppBuilder {
@@ -195,6 +202,13 @@ impl SkAppBuilder {
         self
     }
 
+    /// So much freed memory stays with the process, where its C library has a choice: for a program through which large
+    /// messages flow, which would else spend more time on fresh pages than on them.
+    pub fn keep_freed_memory(mut self, bytes: usize) -> Self {
+        self.freed_bytes_kept = Some(bytes);
+        self
+    }
+
     /// Makes the application. From now on SIGINT, SIGTERM and SIGHUP are blocked for this thread and those it
     /// starts, and are heard by the loop instead; so make it before any other thread.
     ///
@@ -202,6 +216,9 @@ impl SkAppBuilder {
     /// If settings contradict each other, or the process is out of descriptors.
     pub fn build(self) -> Result<SkApp, AppError> {
         self.settings.check()?;
+        if let Some(bytes) = self.freed_bytes_kept {
+            sys::heap::keep_freed(bytes);
+        }
         let mut world = match self.world {
             Some(world) => world,
             None => World::real()?,

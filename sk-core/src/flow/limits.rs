@@ -63,21 +63,29 @@ pub const SYNC_GOOD_TIME_MAX: Duration = Duration::from_secs(60);
 
 /// What may wait for one connection, payloads counted in full. Beyond it its messages are dropped.
 pub const CONNECTION_BYTES_MAX: usize = 32 * 1024 * 1024;
-/// What may wait for all connections together, and be kept for late joiners, shared payloads counted once.
+/// What may wait for all connections together, be kept for late joiners and be held of unfinished messages and of
+/// requests and answers, shared payloads counted once.
 pub const HUB_BYTES_MAX: usize = 256 * 1024 * 1024;
 /// What is kept of it for late joiners and for those who poll, at most.
 pub const KEPT_BYTES_MAX: usize = HUB_BYTES_MAX / 2;
 /// How much a hub that has too many bytes waiting drops at once, so that it need not look for room each time.
-pub const SHED_BYTES: usize = HUB_BYTES_MAX / 16;
+pub const SHED_BYTES: usize = HUB_BYTES_MAX / SHED_SHARE;
+/// Which part of all that is.
+pub const SHED_SHARE: usize = 16;
 /// How far the owner of a reliable channel may be ahead of its slowest subscriber before it has to wait.
 pub const CREDIT_BYTES: u64 = 1024 * 1024;
 /// What unfinished messages of one connection may hold together.
 pub const UNFINISHED_BYTES_MAX: usize = 32 * 1024 * 1024;
+/// What unfinished messages of all connections may hold together.
+pub const UNFINISHED_BYTES_MAX_IN_ALL: usize = HUB_BYTES_MAX / 2;
 /// What one fragment or one waiting message is charged beyond its payload.
 pub const ITEM_OVERHEAD_BYTES: usize = 64;
 /// What may wait in a connection's queue of control frames. Beyond it the connection is closed; from half
 /// of it on its own commands wait.
 pub const CONTROL_BYTES_MAX: usize = 4 * 1024 * 1024;
+/// What may be announced to everybody, of channels and what they say of themselves, until deadlines are looked at
+/// again: a part of the queue of control frames that each has. Who announces more waits.
+pub const ANNOUNCED_BYTES_MAX: usize = CONTROL_BYTES_MAX / 4;
 /// How much is moved from the queues to the transport's side ahead of the socket. Small, so that drop
 /// policies still reach what waits behind it.
 pub const WIRE_BYTES_AHEAD: usize = 64 * 1024;
@@ -104,8 +112,13 @@ pub const DELETIONS_KEPT_MAX: usize = 1_024;
 pub const WATCHES_PER_FLOW_MAX: usize = 256;
 /// How many changes of one flow may wait for the disk; its further commands wait meanwhile.
 pub const UNSAVED_PER_FLOW_MAX: usize = 1_024;
+/// What they may hold before further commands wait; a whole database that is saved or loaded counts in full.
+pub const UNSAVED_BYTES_PER_FLOW_MAX: usize = 4 * 1024 * 1024;
+/// What may be on its way from the disk into databases at once, unless one alone is larger.
+pub const LOADING_BYTES_MAX: usize = DATABASE_BYTES_MAX;
 
-/// How many requests of one connection may wait for the disk of blobs; its further commands wait meanwhile.
+/// How many requests of one connection may wait for the disk of blobs; its further commands wait meanwhile. And how
+/// many pieces of uploads it may have begun and not ended.
 pub const BLOB_REQUESTS_PER_CONNECTION_MAX: usize = 64;
 /// How many bytes of uploads of one connection may wait for the disk before it is read from again.
 pub const BLOB_BYTES_AHEAD_MAX: usize = 4 * 1024 * 1024;
@@ -123,6 +136,8 @@ pub const PATTERNS_PER_RIGHT_MAX: usize = 64;
 
 /// How many connections a hub serves at once.
 pub const CONNECTIONS_MAX: usize = 16_384;
+/// How many of them may be logged in to one account, but for the owner's.
+pub const CONNECTIONS_PER_ACCOUNT_MAX: usize = 1_024;
 /// How many connections may be open at once without a login.
 pub const UNAUTHENTICATED_MAX: usize = 1_024;
 /// How many connections one address may open at once, and how many a second after that.
@@ -157,6 +172,7 @@ pub const LOG_LINES_PER_SECOND_MAX: u32 = 10;
 const _: () = {
     assert!(FRAGMENT_BYTES_MIN <= FRAGMENT_BYTES_MAX && FRAGMENT_BYTES_MAX <= MESSAGE_BYTES_MAX);
     assert!(MESSAGE_BYTES_MAX <= UNFINISHED_BYTES_MAX && MESSAGE_BYTES_MAX <= CONNECTION_BYTES_MAX);
+    assert!(CONNECTIONS_PER_ACCOUNT_MAX + UNAUTHENTICATED_MAX < CONNECTIONS_MAX);
     assert!(CHANNELS_MAX == i16::MAX as usize + 1 && CHANNELS_RESERVED_FOR_HUB < CHANNELS_MAX);
     assert!(PROPERTIES_JSON_BYTES_MAX < CONTROL_BYTES_MAX && VALUE_BYTES_MAX < CONTROL_BYTES_MAX / 2);
     assert!(CREDIT_BYTES as usize + MESSAGE_BYTES_MAX < CONNECTION_BYTES_MAX);

@@ -65,8 +65,28 @@ pub struct HubReport {
     pub spurious: u64,
     /// Fragments that came too late for their channel or call.
     pub late_fragments: u64,
+    /// What came by datagram, if the hub takes any.
+    pub datagrams: Option<DatagramsReport>,
     /// The limits of this hub by name.
     pub limits: BTreeMap<String, u64>,
+}
+
+/// What became of the datagrams that a hub received.
+#[derive(Clone, Copy, Debug, PartialEq, SkVariant)]
+#[variant(ignore_unknown)]
+pub struct DatagramsReport {
+    /// The UDP port that flows are told.
+    pub port: u16,
+    /// Proven, new, and a `publish`.
+    pub taken: u64,
+    /// For a session that there is not, or no datagram of a session at all.
+    pub unknown: u64,
+    /// With a wrong proof.
+    pub forged: u64,
+    /// With a counter that came before, or too late to tell.
+    pub replayed: u64,
+    /// Proven, but not what the protocol allows a datagram to hold.
+    pub malformed: u64,
 }
 
 /// Subject `flows`: every connection.

@@ -72,7 +72,7 @@ pub(super) struct Seed {
 impl Seed {
     /// On the thread: the satellite, and the agent at `modules/<name>`, so that paths are those of any module.
     pub(super) fn plant(self, cx: &mut Cx) {
-        let satellite = SkFlowSat::inside(cx, self.pipe);
+        let satellite = SkFlowSat::of_module(cx, self.pipe, &self.name);
         let back = self.ending.back.clone();
         let runner = match self.class.runner(&self.name, satellite.flow(&self.name), &self.parameters) {
             Ok(runner) => runner,

@@ -1,9 +1,9 @@
 //! A module as a program of its own: a satellite.
 
 use crate::eventloop::AppError;
-use crate::flow::{AddressError, SkFlowSat};
+use crate::flow::{AddressError, PipeSeed, SkFlowSat};
 use crate::module::{AbstractModule, ModuleState, Modules, RestartPolicy, Runner};
-use crate::object::NameError;
+use crate::object::{Handle, NameError};
 use crate::{Cx, SkApp, TimingMode, attach};
 
 /// Why a satellite does not run, or ran no further.
@@ -42,6 +42,16 @@ impl Fate {
 crate::object! { Fate { signals {} slots { on_changed(&ModuleState) } } }
 
 impl SkFlowSat {
+    /// A satellite inside the hub's process for a module of this name: its flow is called
+    /// `account.modules.NAME`, so that the hub's tools show whose it is.
+    pub fn of_module(cx: &mut Cx, seed: PipeSeed, module: &str) -> Handle<SkFlowSat> {
+        let satellite = SkFlowSat::inside(cx, seed);
+        if let Err(error) = satellite.name_flow(cx, &format!("modules.{module}")) {
+            tracing::warn!("the flow of module {module} stays without a name: {error}");
+        }
+        satellite
+    }
+
     /// Runs a module as a satellite of the hub at that address, with its default parameters, until it quits
     /// the loop or the process is told to end. The same source runs inside a hub. A `unix:` address logs in
     /// by the user id of the process.

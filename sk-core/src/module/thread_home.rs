@@ -34,7 +34,7 @@ pub struct ThreadedModule {
 
 impl ThreadedModule {
     /// A module of that class, with its default name and parameters. `link` gives it a way to the hub, each time
-    /// its thread is started: [`pipe`](Handle#method.pipe) of the server.
+    /// its thread is started: [`pipe`](crate::object::Handle#method.pipe) of the server.
     pub fn new(
         class: ModuleClass,
         place: ThreadPlace,

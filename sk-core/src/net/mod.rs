@@ -15,7 +15,7 @@ mod stream_state;
 mod turn;
 mod udp;
 
-pub(crate) use door::{Door, Wrap};
+pub(crate) use door::{Door, Shortage, Wrap};
 pub use listener::Listener;
 pub use outgoing::WriteError;
 pub use stream::Socket;

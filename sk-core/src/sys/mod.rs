@@ -5,6 +5,7 @@
 //! Rust cannot say and every slot call goes through: [`lease`] and [`role`].
 
 pub(crate) mod beneath;
+pub(crate) mod descriptors;
 pub(crate) mod heap;
 pub(crate) mod latency;
 pub(crate) mod lease;

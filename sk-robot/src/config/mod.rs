@@ -10,10 +10,11 @@ mod read;
 mod schema;
 mod values;
 
-pub use problem::{ConfigError, Problem, hint};
+pub use crate::hint::hint;
+pub use problem::{ConfigError, Problem};
 pub use read::FILE_BYTES_MAX;
 pub use schema::schema;
-pub use values::{ListenAddress, LoopMode, TcpAddress};
+pub use values::{ListenAddress, LoopMode, TCP_DEFAULT, TcpAddress};
 
 use sk_core::module::{ModuleClass, Parameters, RestartPolicy, ThreadPlace};
 use sk_core::parameters;
@@ -36,15 +37,17 @@ parameters! {
     /// Where the hub listens.
     pub struct ListenSection {
         /// TCP, as HOST:PORT with a numeric host. Anything but loopback is reachable from the network, and the link is not encrypted.
-        tcp: Vec<TcpAddress> = vec![TcpAddress(crate::hub::TCP_DEFAULT)];
+        tcp: Vec<TcpAddress> = vec![TcpAddress(TCP_DEFAULT)];
         /// The Unix socket hub.sock in the state folder, for programs of the same user.
         unix: bool = true;
-        /// Further addresses of any kind: tcp:HOST:PORT, ws:HOST:PORT/flow, tls:HOST:PORT, wss:HOST:PORT/flow, tty:DEVICE?baud=115200, unix:PATH.
+        /// Further addresses of any kind: tcp:HOST:PORT, ws:HOST:PORT/flow, tls:HOST:PORT, wss:HOST:PORT/flow, tty:DEVICE?baud=115200, unix:PATH, udp:HOST:PORT for publishing by datagrams.
         addresses: Vec<ListenAddress> = Vec::new();
         /// The PEM file of the certificate that is shown at tls: and wss: addresses, followed by those that lead to the authority.
         tls_certificate: Option<String> = None;
         /// The PEM file of the certificate's key.
         tls_key: Option<String> = None;
+        /// Whether a login at tls: and wss: addresses must be bound to its connection. Satellites in Python cannot bind theirs.
+        require_channel_binding: bool = false;
     }
 }
 

@@ -1,11 +1,11 @@
 //! From the text of a file to a configuration, with every problem at its line and column.
 
 use super::place::{find, line_and_column};
-use super::problem::hint;
 use super::{
     Config, ConfigError, HubSection, LoopSection, ModuleConfig, ModuleSection, Problem, RestartSection,
     ThreadSection,
 };
+use crate::hint::hint;
 use sk_core::module::{ModuleClass, ParameterError, Parameters};
 use sk_core::prelude::*;
 use sk_flat::{Name, VariantError};

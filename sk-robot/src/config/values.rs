@@ -4,7 +4,10 @@ use sk_core::flow::HubAddress;
 use sk_core::module::ParameterType;
 use sk_core::prelude::*;
 use sk_flat::{FromVariant, IntoVariant, VariantError};
-use std::net::SocketAddr;
+use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4};
+
+/// Where the hub listens for TCP unless told otherwise.
+pub const TCP_DEFAULT: SocketAddr = SocketAddr::V4(SocketAddrV4::new(Ipv4Addr::LOCALHOST, 4141));
 
 /// How a loop waits, as a configuration writes it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -110,7 +113,7 @@ impl FromVariant for ListenAddress {
 
 impl ParameterType for ListenAddress {
     fn schema() -> SkVariant {
-        let pattern = r"^(tcp|tls|unix|ws|wss|tty):.+$";
+        let pattern = r"^(tcp|tls|unix|ws|wss|tty|udp):.+$";
         SkVariant::map([("type", "string".into()), ("pattern", pattern.into())])
     }
 }

@@ -34,6 +34,11 @@ impl Hub {
     pub fn start_with(folder: PathBuf, options: &[&str], change: impl FnOnce(&mut Command)) -> Hub {
         let mut command = skrobot(&folder);
         change(&mut command);
+        Hub::start_as(command, folder, options)
+    }
+
+    /// By another command than the usual one.
+    pub fn start_as(mut command: Command, folder: PathBuf, options: &[&str]) -> Hub {
         let mut process = command
             .args(options)
             .stdout(Stdio::piped())

@@ -4,10 +4,12 @@
 //! tables of all benches and the plots of the ticks.
 
 mod goals;
+mod kept;
 
 use crate::process::{self, Failure};
 use crate::workspace::Workspace;
 use goals::{Figure, GOALS};
+use kept::Kept;
 use std::fmt::Write;
 use std::path::Path;
 use std::process::Command;
@@ -25,9 +27,17 @@ pub(crate) struct Options {
     /// Three runs of 3 s instead, for a first look: some minutes.
     #[arg(long, conflicts_with_all = ["runs", "seconds"])]
     quick: bool,
+    /// Measure only this anew and take the rest as it was measured last on this machine: the name of a bench, or
+    /// of a plot of `tick_jitter`. Can be given several times.
+    #[arg(long, value_name = "NAME")]
+    only: Vec<String>,
 }
 
 impl Options {
+    fn wants(&self, part: &Part) -> bool {
+        self.only.is_empty() || self.only.iter().any(|name| part.is_called(name))
+    }
+
     fn runs(&self) -> usize {
         if self.quick { QUICK_RUNS } else { self.runs.max(1) }
     }
@@ -53,13 +63,29 @@ struct Part {
     cycles: Option<u64>,
 }
 
+impl Part {
+    /// Tells it apart from all others.
+    fn key(&self) -> &'static str {
+        self.plot.map_or(self.bench, |plot| plot.trim_end_matches(".svg"))
+    }
+
+    fn is_called(&self, name: &str) -> bool {
+        name == self.bench || name == self.key()
+    }
+}
+
 /// What it came to.
 struct Outcome {
     command: String,
+    /// When, and at which commit.
+    measured: String,
+    cycles: Option<u64>,
     /// What else kept the machine busy: its load average before.
     load_before: String,
     table: String,
     figures: Vec<Figure>,
+    /// The figures as the bench wrote them.
+    lines: String,
 }
 
 /// The page, and the folder of its plots.
@@ -118,10 +144,24 @@ pub(crate) fn run(options: &Options) -> Result<(), Failure> {
     let workspace = Workspace::load()?;
     std::env::set_current_dir(&workspace.root).map_err(|error| Failure::file(&workspace.root, error))?;
     std::fs::create_dir_all(PLOTS).map_err(|error| Failure::file(Path::new(PLOTS), error))?;
+    let kept = Kept::below(&workspace.target)?;
+    let parts = parts(options);
+    if let Some(name) = options.only.iter().find(|name| !parts.iter().any(|part| part.is_called(name))) {
+        let known: Vec<_> = parts.iter().map(Part::key).collect();
+        return Err(Failure::Other(format!("nothing is called {name}; there are {}", known.join(", "))));
+    }
     let mut outcomes = Vec::new();
-    for part in parts(options) {
-        println!("== {}", part.title);
-        let outcome = measure(&part, options)?;
+    for part in parts {
+        let outcome = if options.wants(&part) {
+            println!("== {}", part.title);
+            let outcome = measure(&part, options)?;
+            kept.write(part.key(), &outcome)?;
+            outcome
+        } else {
+            kept.read(part.key()).ok_or_else(|| {
+                Failure::Other(format!("{} was not measured here yet: leave out --only", part.key()))
+            })?
+        };
         outcomes.push((part, outcome));
     }
     let page = page(&machine(), &outcomes, &profiles()?);
@@ -152,11 +192,12 @@ fn measure(part: &Part, options: &Options) -> Result<Outcome, Failure> {
         // Cargo starts a bench in the folder of its package.
         command.arg("--plot").arg(Path::new("..").join(PLOTS).join(plot));
     }
-    let (figures, said) = process::read_both(command.arg("--json"))?;
+    let (lines, said) = process::read_both(command.arg("--json"))?;
     let table = table_in(&said, part.bench);
     print!("{table}");
-    let figures = figures.lines().filter_map(Figure::read).collect();
-    Ok(Outcome { command: spelled, load_before, table, figures })
+    let measured = format!("{} at {}", now(), commit());
+    let figures = lines.lines().filter_map(Figure::read).collect();
+    Ok(Outcome { command: spelled, measured, cycles: part.cycles, load_before, table, figures, lines })
 }
 
 /// Over one, five and fifteen minutes.
@@ -171,12 +212,22 @@ fn table_in(said: &str, bench: &str) -> String {
     lines.join("\n") + "\n"
 }
 
+/// The first line of what a program says; nothing if it cannot be asked.
+fn said(program: &str, words: &[&str]) -> String {
+    let answer = process::read(Command::new(program).args(words)).unwrap_or_default();
+    answer.lines().next().unwrap_or_default().trim().to_owned()
+}
+
+fn now() -> String {
+    said("date", &["-u", "+%Y-%m-%d %H:%M UTC"])
+}
+
+fn commit() -> String {
+    said("git", &["rev-parse", "--short", "HEAD"])
+}
+
 /// On what was measured: one line each.
 fn machine() -> Vec<(&'static str, String)> {
-    let said = |program: &str, words: &[&str]| {
-        let answer = process::read(Command::new(program).args(words)).unwrap_or_default();
-        answer.lines().next().unwrap_or_default().trim().to_owned()
-    };
     let file = |path: &str| std::fs::read_to_string(path).unwrap_or_default();
     let cpu = file("/proc/cpuinfo");
     let model = cpu.lines().find_map(|line| line.strip_prefix("model name")?.split(": ").nth(1));
@@ -185,8 +236,8 @@ fn machine() -> Vec<(&'static str, String)> {
         .lines()
         .any(|line| line.starts_with("flags") && line.contains(" hypervisor"));
     vec![
-        ("date", said("date", &["-u", "+%Y-%m-%d %H:%M UTC"])),
-        ("commit", said("git", &["rev-parse", "--short", "HEAD"])),
+        ("date", now()),
+        ("commit", commit()),
         ("processor", format!("{}, {cpus} CPUs", model.unwrap_or("unknown"))),
         ("virtual machine", if virtual_machine { "yes" } else { "no" }.to_owned()),
         ("kernel", said("uname", &["-sr"])),
@@ -230,10 +281,12 @@ fn page(machine: &[(&'static str, String)], outcomes: &[(Part, Outcome)], profil
     }
     for (part, outcome) in outcomes {
         let _ = write!(page, "\n## {}\n\n    {}\n", part.title, outcome.command);
+        let _ = write!(page, "\nMeasured {}.", outcome.measured);
         if !outcome.load_before.is_empty() {
-            let _ = write!(page, "\nLoad average as it began: {}.\n", outcome.load_before);
+            let _ = write!(page, " Load average as it began: {}.", outcome.load_before);
         }
-        if let Some(cycles) = part.cycles {
+        page.push('\n');
+        if let Some(cycles) = outcome.cycles {
             let _ = write!(page, "\nCycles of each side, all runs together: {cycles}.\n");
         }
         if let Some(plot) = part.plot {
@@ -255,7 +308,7 @@ mod tests {
 
     #[test]
     fn five_runs_of_the_judged_ticks_are_100_000_cycles() {
-        let options = |quick| Options { runs: 5, seconds: 20.0, quick };
+        let options = |quick| Options { runs: 5, seconds: 20.0, quick, only: Vec::new() };
         let cycles = |quick| parts(&options(quick)).iter().map(|part| part.cycles).collect::<Vec<_>>();
         assert_eq!(cycles(false)[..2], [Some(100_000); 2]);
         assert_eq!(cycles(true)[..2], [Some(9_000); 2]);
@@ -267,9 +320,12 @@ mod tests {
         let line = r#"{"bench":"signal_slot","case":"direct/none","metric":"ns_per_call","value":0.5,"unit":"ns","peer":null}"#;
         let outcome = Outcome {
             command: "cargo bench".into(),
+            measured: "2026-01-01 12:00 UTC at abc".into(),
+            cycles: Some(100_000),
             load_before: "3.00 2.00 1.00".into(),
             table: "signal_slot\n  case\n".into(),
             figures: Figure::read(line).into_iter().collect(),
+            lines: line.into(),
         };
         let plot = Some("a.svg");
         let part =
@@ -278,7 +334,8 @@ mod tests {
         let page = page(&machine, &[(part, outcome)], &["profiles-a.md".to_owned()]);
         assert!(page.contains("[profiles-a.md](performance/profiles-a.md)."), "{page}");
         assert!(page.contains("all runs together: 100000."), "{page}");
-        assert!(page.contains("\nLoad average as it began: 3.00 2.00 1.00.\n"), "{page}");
+        let measured = "\nMeasured 2026-01-01 12:00 UTC at abc. Load average as it began: 3.00 2.00 1.00.\n";
+        assert!(page.contains(measured), "{page}");
         assert!(page.contains("| kernel | Linux |") && !page.contains("| Qt |"), "{page}");
         assert!(
             page.contains("| `direct/none` | `ns_per_call` | itself | 1 | 0.500 | reached |"),

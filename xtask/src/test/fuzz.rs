@@ -59,6 +59,10 @@ pub(super) fn short_runs(gate: &mut Gate<'_>) -> Result<String, Failure> {
         command
             .arg(format!("-max_total_time={seconds}"))
             .arg(format!("-timeout={INPUT_LIMIT_S}"));
+        let dictionary = gate.workspace.root.join(format!("fuzz/dictionaries/{target}.dict"));
+        if dictionary.exists() {
+            command.arg(format!("-dict={}", dictionary.display()));
+        }
         process::run_logged(&mut command, &log, None)?;
         println!("   {target}: {}", last_word(&log));
     }

@@ -57,8 +57,8 @@ const STEPS: &[Step] = &[
     ("benches: each runs once with the least work", benches::smoke_runs),
     ("sim: seeds of the network in a box", sim::short_run),
     (
-        "python: the Python client on Python 3 and 2.7, with the hub of this tree",
-        python::on_both_interpreters,
+        "python: the Python client on Python 3, 2.7 and, where there is one, 3.6",
+        python::on_all_interpreters,
     ),
     ("instructions: the hot paths take no more than their limits", benches::count_instructions),
     ("fuzz: a short run of each target", fuzz::short_runs),

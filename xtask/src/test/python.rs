@@ -1,14 +1,14 @@
-//! The Python client: its tests on Python 3 and on Python 2.7 against the hub of this tree, and what pip installs.
+//! The Python client: its tests on Python 3, 2.7 and, where there is one, 3.6 against the hub of this tree, and what pip
+//! installs.
 
 use super::Gate;
 use crate::process::{self, Failure};
+use crate::wheels;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
-/// The builders of the packages, each in the release that was last tried.
-const BUILDERS: [&str; 2] = ["hatchling==1.27.0", "maturin==1.9.6"];
-/// The tests of one interpreter take about twenty seconds; beyond this they hang.
+/// The tests of one interpreter take about half a minute; beyond this they hang.
 const TESTS_LIMIT: Duration = Duration::from_secs(600);
 /// Where Debian keeps a Python 2.7, and what of it is needed: the system stays as it is, the files are unpacked beside it.
 const FETCH_PYTHON2: &str = r#"
@@ -36,15 +36,20 @@ apt-get download -q python2.7-minimal libpython2.7-minimal python2.7 libpython2.
 for file in *.deb; do dpkg -x "$file" ../root; done
 "#;
 
-/// Runs the tests on both interpreters.
-pub(super) fn on_both_interpreters(gate: &mut Gate<'_>) -> Result<String, Failure> {
+/// Runs the tests on all interpreters.
+pub(super) fn on_all_interpreters(gate: &mut Gate<'_>) -> Result<String, Failure> {
     process::run(process::cargo().args(["build", "--quiet", "-p", "skrobot"]))?;
     let python2 = python2(&gate.workspace.target)?;
+    let oldest = oldest_python3();
     let mut ran = Vec::new();
-    for (name, python) in [("python3", Path::new("python3")), ("python2", &python2)] {
+    let both = [("python3", Path::new("python3")), ("python2.7", &python2)];
+    for (name, python) in both.into_iter().chain(oldest.as_deref().map(|found| ("python3.6", found))) {
         let count = run_tests(gate, name, python, &python2)?;
         gate.passed += count;
         ran.push(format!("{count} on {name}"));
+    }
+    if oldest.is_none() {
+        ran.push("there is no python3.6 here".to_owned());
     }
     Ok(ran.join(", "))
 }
@@ -87,47 +92,33 @@ fn python2(target: &Path) -> Result<PathBuf, Failure> {
     Ok(program)
 }
 
+/// The oldest Python 3 that the client supports, if this machine has one. No archive that is reached in the usual way
+/// has it, so none is fetched.
+fn oldest_python3() -> Option<PathBuf> {
+    let root = std::env::var_os("PYENV_ROOT").map(PathBuf::from);
+    let root = root.or_else(|| Some(PathBuf::from(std::env::var_os("HOME")?).join(".pyenv")));
+    let versions = root.and_then(|root| std::fs::read_dir(root.join("versions")).ok());
+    let versions = versions.into_iter().flatten().flatten();
+    let built = versions.filter(|version| version.file_name().to_string_lossy().starts_with("3.6."));
+    let built = built.map(|version| version.path().join("bin/python3.6"));
+    std::iter::once(PathBuf::from("python3.6"))
+        .chain(built)
+        .find(|program| process::answers(Command::new(program).arg("--version")))
+}
+
 /// Builds the packages, installs them into a fresh environment and tries them there.
 pub(super) fn packages(gate: &mut Gate<'_>) -> Result<String, Failure> {
     if gate.options.quick {
         return Ok("left out by --quick".into());
     }
-    let (root, target) = (&gate.workspace.root, &gate.workspace.target);
-    let builders = target.join("python-builders");
-    let built = target.join("python-packages");
+    let target = &gate.workspace.target;
     let fresh = target.join("python-fresh");
-    for folder in [&built, &fresh] {
-        if folder.exists() {
-            std::fs::remove_dir_all(folder).map_err(|error| Failure::file(folder, error))?;
-        }
-    }
-    if !process::answers(Command::new(builders.join("bin/maturin")).arg("--version")) {
-        environment(&builders)?;
-        pip(&builders, &BUILDERS)?;
-    }
-    let bin = builders.join("bin");
-    let sketch = root.join("python/pysketch");
-    process::run(
-        Command::new(bin.join("hatchling"))
-            .args(["build", "-d"])
-            .arg(&built)
-            .current_dir(sketch),
-    )?;
-    let hub = root.join("python/hub");
-    process::run(
-        Command::new(bin.join("maturin"))
-            .args(["build", "--quiet", "--release", "--target-dir"])
-            .arg(target)
-            .arg("--out")
-            .arg(&built)
-            .current_dir(hub),
-    )?;
-    environment(&fresh)?;
-    let wheels = files_of(&built, ".whl")?;
-    pip(&fresh, &wheels.iter().map(String::as_str).collect::<Vec<_>>())?;
+    let built = wheels::build(&gate.workspace, &target.join("python-packages"))?;
+    wheels::environment(&fresh)?;
+    wheels::pip(&fresh, &built.wheels)?;
     try_installed(gate, &fresh)?;
-    let sources = files_of(&built, ".tar.gz")?.len();
-    Ok(format!("{} wheels and {sources} source package, installed and tried", wheels.len()))
+    let (wheels, sources) = (built.wheels.len(), built.sources.len());
+    Ok(format!("{wheels} wheels and {sources} source package, installed and tried"))
 }
 
 /// What a student has after `pip install`: a hub, its tool, and satellites.
@@ -136,7 +127,7 @@ fn try_installed(gate: &Gate<'_>, fresh: &Path) -> Result<(), Failure> {
     let log = gate.scratch.join("tests-installed.log");
     let mut command = Command::new(fresh.join("bin/python"));
     command
-        .args(["-m", "unittest", "test_program"])
+        .args(["-m", "unittest", "test_program", "test_guide"])
         .current_dir(tests)
         .env_remove("PYTHONPATH")
         .env("PYTHONDONTWRITEBYTECODE", "1")
@@ -144,21 +135,6 @@ fn try_installed(gate: &Gate<'_>, fresh: &Path) -> Result<(), Failure> {
         .env("SKROBOT", fresh.join("bin/skrobot"));
     process::run_logged(&mut command, &log, Some(TESTS_LIMIT))?;
     process::run(Command::new(fresh.join("bin/sk")).arg("--version"))
-}
-
-fn environment(folder: &Path) -> Result<(), Failure> {
-    process::run(Command::new("python3").args(["-m", "venv"]).arg(folder))
-}
-
-fn pip(folder: &Path, what: &[&str]) -> Result<(), Failure> {
-    let quiet = ["install", "--quiet", "--disable-pip-version-check"];
-    process::run(Command::new(folder.join("bin/pip")).args(quiet).args(what))
-}
-
-fn files_of(folder: &Path, ending: &str) -> Result<Vec<String>, Failure> {
-    let entries = std::fs::read_dir(folder).map_err(|error| Failure::file(folder, error))?;
-    let names = entries.flatten().map(|entry| entry.path().display().to_string());
-    Ok(names.filter(|name| name.ends_with(ending)).collect())
 }
 
 #[cfg(test)]

@@ -11,12 +11,13 @@
     sketch.run()
 """
 
+from .address import Address
 from .blob import FileInfo, Files, Store
 from .channels import ChannelInfo
 from .connection import Closed, Refused
 from .database import Database, Variable, Watch
 from .frames import ProtocolError
-from .links import Address, LinkError
+from .links import LinkError
 from .login import LoginError, Password, Peer, Token
 from .sat import FlowSat
 from .service import Reply, Request, Service

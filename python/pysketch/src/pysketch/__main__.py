@@ -5,14 +5,17 @@ from __future__ import print_function
 
 import argparse
 import os
+import re
 import runpy
 import sys
 
 from . import Refused, Sketch, __version__, connect
+from .address import Address
 from .bench import bench
 from .bundle import bundle
-from .links import Address, LinkError
+from .links import LinkError
 from .login import LoginError
+from .relay import Relay
 
 TEMPLATE = '''#!/usr/bin/env python
 """A sketch: setup() once, loop() at each pulse."""
@@ -45,17 +48,29 @@ if __name__ == "__main__":
 def new(options):
     """Writes a sketch that runs."""
     name = os.path.splitext(os.path.basename(options.file))[0].lower().replace("-", "_")
-    if not name.replace("_", "a").isalnum() or name[0].isdigit():
+    if name == "pysketch":
+        raise SystemExit("pysketch: call it otherwise, or it stands in the place of this package")
+    if not re.match(r"[a-z_][a-z0-9_]*\Z", name):
         raise SystemExit("pysketch: %r makes no name for a channel: use letters, digits and _" % name)
     if os.path.exists(options.file):
         raise SystemExit("pysketch: %s exists already" % options.file)
-    with open(options.file, "w") as file:
-        file.write(TEMPLATE.format(name=name))
+    write(options.file, TEMPLATE.format(name=name))
     print("%s is written. With a hub running (skrobot), try\n\n    python -m pysketch run %s" % (options.file, options.file))
+
+
+def write(path, text):
+    """Writes a file, or says in a line why it cannot be."""
+    try:
+        with open(path, "w") as file:
+            file.write(text)
+    except (IOError, OSError) as error:
+        raise SystemExit("pysketch: %s cannot be written: %s" % (path, error.strerror))
 
 
 def run(options):
     """Runs a sketch: its own `run()`, or that of a Sketch it only defines."""
+    if not os.path.isfile(options.file):
+        raise SystemExit("pysketch: there is no file %s" % options.file)
     sys.argv = [options.file] + options.arguments
     sys.path.insert(0, os.path.dirname(os.path.abspath(options.file)))
     found = runpy.run_path(options.file, run_name="__main__")
@@ -76,12 +91,8 @@ def check(options):
 
 def relay(options):
     """Lends a hub that listens on sockets only a serial line."""
-    from .relay import Relay
-    from .tty import Port, open_port
     line = Address(options.line)
-    if line.kind != "tty":
-        raise SystemExit("pysketch: %s is no serial line; one is tty:DEVICE?baud=NUMBER" % line)
-    relaying = Relay(Port(open_port(line.place), line.place, line.baud, listens=True), Address(options.hub))
+    relaying = Relay(line.listen(), Address(options.hub))
     print("What comes on %s goes to the hub. Ctrl-C ends this." % line)
     try:
         relaying.run()
@@ -91,7 +102,7 @@ def relay(options):
 
 def write_bundle(options):
     """Makes one file of the package."""
-    bundle(options.file, __version__)
+    write(options.file, bundle(__version__))
     print("%s is written: copy it to the robot, beside your sketch." % options.file)
 
 

@@ -28,7 +28,7 @@ class AsyncSat(object):
 
     def __init__(self, sat):
         self.sat, self._loop, self._file, self._writes, self._timer = sat, None, None, False, None
-        self._ready, self._over = None, None
+        self._ready, self._over, self._listening = None, None, []
 
     def start(self):
         """Begins; the future that this answers is done when the hub has let the satellite in."""
@@ -44,6 +44,8 @@ class AsyncSat(object):
             self._timer = None
         self._unwatch()
         self.sat.close()
+        for messages in self._listening:
+            messages.end()
         if self._over is not None and not self._over.done():
             self._over.set_result(None)
 
@@ -97,7 +99,14 @@ class AsyncSat(object):
 
     def messages(self, name, **wishes):
         """An asynchronous iterator over the messages of the channel of this full name."""
-        return Messages(self, name, wishes)
+        messages = Messages(self, name, wishes)
+        self._listening.append(messages)
+        return messages
+
+    def forget(self, messages):
+        """For messages that were closed."""
+        if messages in self._listening:
+            self._listening.remove(messages)
 
     # ---- turns ----
 
@@ -158,6 +167,7 @@ class Messages(object):
 
     def __init__(self, sat, name, wishes):
         self._sat, self._name, self._waiting, self._next, self.lost = sat, name, deque(), None, 0
+        self._over = False
         sat.sat.subscribe(name, self._hear, **wishes)
 
     def _hear(self, message):
@@ -172,7 +182,7 @@ class Messages(object):
         return self
 
     def __anext__(self):
-        if self._sat.wait_closed().done():
+        if self._over:
             raise StopAsyncIteration
         self._next = asyncio.get_event_loop().create_future()
         if self._waiting:
@@ -180,5 +190,13 @@ class Messages(object):
         return self._next
 
     def close(self):
-        """Hears no more."""
+        """Hears no more: who waits for a message waits no longer."""
+        self._sat.forget(self)
         self._sat.sat.unsubscribe(self._name)
+        self.end()
+
+    def end(self):
+        """For the satellite: no more will come."""
+        self._over = True
+        if self._next is not None and not self._next.done():
+            self._next.set_exception(StopAsyncIteration())

@@ -105,9 +105,12 @@ class Upload(object):
 
     def cancel(self):
         """Gives it up; the hub forgets what was sent."""
+        self._give_up("the upload was given up")
+
+    def _give_up(self, why):
         if not self.done and self._store.opened:
             self._store.flow.command("blob_abort", self._store.reference, self.path, about=self.path)
-        self._end(Refused("Aborted", "the upload was given up", self.path))
+        self._end(Refused("Aborted", why, self.path))
 
     def begin(self):
         """For the store: asks the hub where to go on."""
@@ -118,7 +121,10 @@ class Upload(object):
             self.sent = answer[1][0]
         if self.sent >= self.size:
             return self._ask(lambda _: self._end(None), "blob_commit", self.path)
-        piece, at = self._piece(), self.sent
+        try:
+            piece, at = self._piece(), self.sent
+        except (IOError, OSError) as error:
+            return self._give_up("it cannot be read any more: %s" % error)
         self.sent += len(piece)
         store = self._store
         store.flow.ask_message(self._unless_refused(self._go_on), "blob_write", (store.reference, self.path, at), piece,
@@ -129,9 +135,10 @@ class Upload(object):
             return self._data[self.sent:self.sent + PIECE_BYTES]
         with open(self._file, "rb") as file:
             file.seek(self.sent)
-            piece = file.read(PIECE_BYTES)
+            # What was added since it was measured is no part of it.
+            piece = file.read(min(PIECE_BYTES, self.size - self.sent))
         if not piece:
-            raise IOError("%s has become shorter while it was uploaded" % self._file)
+            raise IOError("%s has become shorter" % self._file)
         return piece
 
     def _ask(self, then, command, *values):

@@ -68,13 +68,12 @@ def sources(folder):
     return [(name, texts[name]) for name in done]
 
 
-def bundle(path, version):
-    """Writes the file."""
+def bundle(version):
+    """The text of the file."""
     parts = [_HEAD.format(version=version)]
     for name, text in sources(os.path.dirname(os.path.abspath(__file__))):
         text.encode("ascii")
         quoted = text.replace("\\", "\\\\").replace("'''", "\\'\\'\\'")
         parts.append("(%r, '''%s''')," % (str(name), quoted) + "\n\n")
     parts.append(_TAIL)
-    with open(path, "wb") as file:
-        file.write("".join(parts).encode("ascii"))
+    return str("".join(parts))

@@ -101,24 +101,25 @@ class OwnChannel(object):
 
     def create(self):
         """Asks the hub for it."""
-        self.refusal, self._said = None, dict(self.properties)
+        self._said = dict(self.properties)
         self.flow.ask(self._created, self.command, self.name, self.flow.value(self.properties), about=self.name)
 
     def _created(self, answer):
-        if isinstance(answer, Refused):
-            told, self.refusal = self.refusal, answer
-            if told is None:
-                self.flow.listener.on_refused(answer)
+        if not isinstance(answer, Refused) or answer.code == "Lost":
+            return
+        told, self.refusal = self.refusal, answer
+        if told is None or told.code != answer.code:
+            self.flow.listener.on_refused(answer)
 
     def exists(self, channel):
         """The hub knows it now; what was changed meanwhile is said."""
-        self.reference = channel.reference
+        self.reference, self.refusal = channel.reference, None
         if self._said != self.properties:
             self._say()
 
     def lost(self):
         """The hub does not know it any more."""
-        self.reference, self.listened = None, False
+        self.reference, self.refusal, self.listened = None, None, False
 
     def heard(self, listened):
         """The first listener came, or the last went."""

@@ -82,6 +82,10 @@ class Connection(object):
             if len(piece):
                 self._push(piece)
 
+    def send_frames(self, frames):
+        """Queues frames as they are; more than 4 KiB are not copied and must not change until they were sent."""
+        self._push(frames)
+
     def _push(self, part):
         length = len(part)
         self._out_bytes += length
@@ -145,7 +149,7 @@ class Connection(object):
     def _on_run(self, key, payloads):
         if self.state != "flow":
             raise ProtocolError("data in the state %s" % self.state)
-        return self.handler.on_run(key, payloads)
+        return self._hand(self.handler.on_run, key, payloads)
 
     def _on_event(self, name, tag, flags, fields):
         if self.state not in table.EVENTS[name][2] and not (self.state == "synchronous" and name in _EARLY):
@@ -154,7 +158,16 @@ class Connection(object):
         if own is not None:
             own(self, tag, fields)
             return True
-        return self.handler.on_event(name, tag, flags, fields)
+        return self._hand(self.handler.on_event, name, tag, flags, fields)
+
+    @staticmethod
+    def _hand(function, *arguments):
+        try:
+            return function(*arguments)
+        except (LinkError, LoginError) as error:
+            # Of what the program does with other hubs: this link is as it was.
+            error.of_the_program = True
+            raise
 
     def _on_welcome(self, _tag, fields):
         magic, version, self.fragment_bytes, self.message_bytes, self._hub_nonce = fields
@@ -187,7 +200,7 @@ class Connection(object):
         if not true:
             raise LoginError("the hub's proof is wrong: it is not the hub it says it is")
         self.state = "synchronous"
-        self.handler.on_event("logged_in", 0, 0, fields)
+        self._hand(self.handler.on_event, "logged_in", 0, 0, fields)
 
     def _on_ping(self, tag, _fields):
         self._push(encode("pong", tag, ()))
@@ -223,7 +236,7 @@ class Connection(object):
 
 
 # Between `set_async` and `flow_begun` the client is synchronous and hears of channels.
-_EARLY = ("channel_added", "channel_removed", "header_changed")
+_EARLY = ("channel_added", "channel_removed", "header_changed", "owner_changed")
 _OWN = {
     "welcome": Connection._on_welcome,
     "scram_challenge": Connection._on_challenge,

@@ -240,7 +240,8 @@ class Clerk(Part):
             self._tell(key, value)
 
     def _tell(self, key, value):
-        self.ask(self.database(OWN), None, key, "var_set", key, self._flow.value(value))
+        # An account may lack the right to databases: nobody asked for this, so nobody is told.
+        self.ask(self.database(OWN), lambda _: None, key, "var_set", key, self._flow.value(value))
 
     def restore(self):
         # After a resumption the hub remembers a current database; to select it again costs less than to rely on it.

@@ -11,6 +11,8 @@ from .variant import pack
 
 RECONNECT_FIRST_S, RECONNECT_MAX_S = 0.1, 5.0
 CHECK_EVERY_S = 0.25
+# A name that another flow has is asked for again so often.
+CLAIM_AGAIN_S = 1.0
 NO_SESSION = b"\0" * 16
 # Answers that are followed by more under the same tag.
 _CONTINUED = frozenset((
@@ -50,11 +52,13 @@ class Flow(object):
         self.channels, self.own, self.parts, self.on_run = Directory(), {}, [], None
         self._credentials, self._reconnects, self._session = credentials, reconnects, NO_SESSION
         self._own_by_key, self._asked, self._gathering = {}, {}, Gathering()
-        self._again_at, self._again_after, self._checked = 0.0, RECONNECT_FIRST_S, monotonic()
+        self._again_at, self._again_after, self._told_loss = 0.0, RECONNECT_FIRST_S, False
+        self._checked = self._claimed = monotonic()
         self._events = {
             "logged_in": self._on_logged_in, "flow_begun": self._on_flow_begun,
             "channel_added": self._on_channel_added, "channel_removed": self._on_channel_removed,
-            "header_changed": self._on_header_changed, "refused": self._on_refused,
+            "header_changed": self._on_header_changed, "owner_changed": self._on_owner_changed,
+            "refused": self._on_refused,
             "start_publishing": self._on_start, "stop_publishing": self._on_stop,
         }
 
@@ -145,29 +149,37 @@ class Flow(object):
             if connection is self.connection and (readable or writable):
                 connection.flush()
         except (LinkError, ProtocolError, LoginError) as error:
+            if getattr(error, "of_the_program", False):
+                raise
             if connection is self.connection:
                 self.lose(error)
 
     def look_after(self, now):
         """Writes what the round left, and what is due by time."""
+        is_due = now - self._checked >= CHECK_EVERY_S
+        if is_due:
+            self._checked = now
+            self._check(now)
         try:
-            if now - self._checked >= CHECK_EVERY_S:
-                self._checked = now
-                if self.connection is not None:
-                    self.connection.check(now)
-                self._check(now)
+            if is_due and self.connection is not None:
+                self.connection.check(now)
             if self.connection is not None and self.connection.waiting:
                 self.connection.flush()
         except LinkError as error:
             self.lose(error)
 
     def _check(self, now):
-        for own in list(self.own.values()):
-            # A half-open predecessor still has the name: it goes within some seconds.
-            if self.ready and own.reference is None and own.refusal is not None and own.refusal.code == "Exists":
-                own.create()
+        if self.ready and now - self._claimed >= CLAIM_AGAIN_S:
+            self._claimed = now
+            self._claim()
         for part in self.parts:
             part.check(now)
+
+    def _claim(self):
+        # A half-open predecessor that still has the name goes within some seconds.
+        for own in list(self.own.values()):
+            if own.reference is None and own.refusal is not None and own.refusal.code == "Exists":
+                own.create()
 
     def lose(self, error):
         """The hub is lost: it is looked for again, unless that makes no sense; then the error is raised."""
@@ -189,7 +201,8 @@ class Flow(object):
             raise error
         self._again_at = monotonic() + self._again_after
         self._again_after = min(2 * self._again_after, RECONNECT_MAX_S)
-        if was_ready:
+        if was_ready or not self._told_loss:
+            self._told_loss = True
             self.listener.on_lost(str(error))
 
     def close(self):
@@ -229,7 +242,7 @@ class Flow(object):
     def _on_flow_begun(self, _tag, _flags, fields):
         _, self.name, self._session, resumed = fields
         self.connection.state, self.ready, self.resumed = "flow", True, bool(resumed)
-        self._again_after = RECONNECT_FIRST_S
+        self._again_after, self._told_loss = RECONNECT_FIRST_S, False
         for own in list(self.own.values()):
             if own.reference is None:
                 own.create()
@@ -270,6 +283,11 @@ class Flow(object):
             channel.say(fields[1])
             self.listener.on_header(channel)
 
+    def _on_owner_changed(self, _tag, _flags, fields):
+        channel = self.channels.of(fields[0])
+        if channel is not None:
+            channel.owner = fields[1]
+
     def own_of(self, reference):
         """The channel of one's own with this identifier and epoch, or None."""
         channel = self.channels.of(reference)
@@ -293,6 +311,7 @@ class Flow(object):
             then(refusal)
         elif not self.ready:
             # A half-open predecessor of this name still lives at the hub: it goes within some seconds.
-            raise Closed(refusal.code, refusal.text)
+            taken = "another satellite is called %s" % self.wanted_name
+            self.lose(Closed(refusal.code, taken if refusal.code == "Exists" else refusal.text))
         else:
             self.listener.on_refused(refusal)

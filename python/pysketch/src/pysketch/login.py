@@ -13,9 +13,9 @@ from .variant import TEXT
 
 CLIENT_LABEL = b"SpecialK flow 1 client"
 HUB_LABEL = b"SpecialK flow 1 hub"
-ROUNDS_MIN, ROUNDS_MAX = 4096, 10000000
+ROUNDS_MIN, ROUNDS_MAX = 15000, 1000000
 # What a new password is stretched by.
-ROUNDS, SALT_BYTES = 15000, 16
+ROUNDS, SALT_BYTES = ROUNDS_MIN, 16
 
 
 class LoginError(Exception):

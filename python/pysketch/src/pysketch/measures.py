@@ -31,18 +31,42 @@ class Histogram(object):
 
 
 class Statistics(object):
-    """What is known of the pulses of a sketch, as of any loop of the hub's: durations in nanoseconds."""
+    """What is known of the pulses of a sketch: as of a loop of the hub, with the same names and units. `interval` is the
+    one that was asked for and `mean_interval` the one that came of it, both in seconds since it was last changed."""
 
     def __init__(self):
         self.ticks = self.missed = self.overruns = self.sync_lost = 0
         self.wake_error, self.job_time = Histogram(), Histogram()
+        self.begin(0.0)
+
+    def begin(self, interval):
+        """Another interval holds from now on."""
+        self.interval, self._first, self._last, self._spans = interval, None, None, 0
+
+    def tick(self, now):
+        """A pulse, at this time."""
+        self.ticks += 1
+        if self._first is None:
+            self._first = now
+        else:
+            self._spans += 1
+        self._last = now
+
+    @property
+    def mean_interval(self):
+        """See there; 0.0 before the second pulse."""
+        return (self._last - self._first) / self._spans if self._spans else 0.0
 
     def snapshot(self):
-        """All of it as plain values."""
-        found = {"ticks": self.ticks, "missed": self.missed, "overruns": self.overruns, "sync_lost": self.sync_lost}
-        for name, histogram in (("wake_error", self.wake_error), ("job_time", self.job_time)):
-            found[name] = {
-                "p50_ns": histogram.quantile(0.5), "p99_ns": histogram.quantile(0.99),
-                "max_ns": int(histogram.longest),
-            }
-        return found
+        """All of it as plain values; durations are in seconds, and None where nothing was measured."""
+        return {
+            "interval": self.interval, "mean_interval": self.mean_interval, "ticks": self.ticks, "missed": self.missed,
+            "overruns": self.overruns, "sync_lost": self.sync_lost, "wake_error": _figures(self.wake_error),
+            "job_time": _figures(self.job_time),
+        }
+
+
+def _figures(histogram):
+    if not histogram.total:
+        return None
+    return {"p50": histogram.quantile(0.5) * 1e-9, "p99": histogram.quantile(0.99) * 1e-9, "max": histogram.longest * 1e-9}

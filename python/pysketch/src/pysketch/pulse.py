@@ -38,6 +38,7 @@ class Pulse(object):
         self.due = None
         self._margin = min(_MARGIN_FIRST_S, self.interval / 2)
         self._synced = False
+        self.statistics.begin(self.interval)
         if mode == REALTIME:
             tighten()
 
@@ -57,7 +58,7 @@ class Pulse(object):
         return self._tick(None), readable, writable
 
     def _tick(self, error):
-        self.statistics.ticks += 1
+        self.statistics.tick(monotonic())
         if error is not None:
             self.statistics.wake_error.add(abs(error) * 1e9)
         return True
@@ -112,8 +113,9 @@ class Pulse(object):
 
     def _wait_for_sync(self, link, wants_write):
         if self._synced:
+            # Nothing is read before it: a further tick that has come makes a further round.
             self._synced = False
-            return self._tick(None), True, wants_write
+            return self._tick(None), False, wants_write
         readable, writable = look(link, wants_write, 4 * self.interval)
         if not readable and not writable:
             self.statistics.sync_lost += 1

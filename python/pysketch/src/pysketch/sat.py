@@ -2,11 +2,12 @@
 
 import sys
 
+from .address import Address
 from .blob import Files, Store
 from .clock import monotonic
 from .database import OWN, Clerk
 from .flow import Flow
-from .links import Address, LinkError
+from .links import LinkError
 from .pulse import COARSE, SYNCED, Pulse, look
 from .service import Calls, Service
 from .telling import Teller
@@ -14,9 +15,8 @@ from .streams import Stream, Streams
 from .subscriptions import POLICY_NUMBERS, Subscription, Subscriptions
 from .sync import Following, SyncSource
 from .table import DEPTH_MAX
-from .variant import BINARY, JSON
+from .variant import FORMS
 
-_FORMS = {"variant": BINARY, "json": JSON}
 CONNECT_WITHIN_S = 5.0
 # A satellite without a hub looks for one so often, whatever its interval is.
 _IDLE_WAIT_S = 0.05
@@ -42,11 +42,11 @@ class FlowSat(object):
 
     def __init__(self, hub=None, name="", credentials=None, interval=0.02, mode=COARSE, reconnect=True,
                  form="variant"):
-        if form not in _FORMS:
+        if form not in FORMS:
             raise ValueError("values travel as `variant` or `json`, not as %r" % (form,))
         address = Address(hub)
         self.pulse = Pulse(mode, interval)
-        self.flow = Flow(address, address.credentials(credentials), name, _FORMS[form], reconnect, self)
+        self.flow = Flow(address, address.credentials(credentials), name, FORMS[form], reconnect, self)
         self._subscriptions = self.flow.add(Subscriptions(self.flow))
         self.flow.add(Streams(self.flow))
         self._calls = self.flow.add(Calls(self.flow))
@@ -80,7 +80,9 @@ class FlowSat(object):
         """Nobody listens to the channel `name` any more."""
 
     def on_lost(self, why):
-        """The hub is lost; it is looked for again."""
+        """The hub is lost, or is not there to begin with: `why`. It is looked for until it is there. Unless one says
+        otherwise here, this is printed."""
+        sys.stderr.write("pysketch: %s (looking for the hub)\n" % why)
 
     def on_refused(self, refusal):
         """The hub refused a command that nobody waits for: a `Refused`. Unless one says otherwise here, it is printed."""
@@ -135,12 +137,16 @@ class FlowSat(object):
         return self.flow.open(Stream(self.flow, name, properties))
 
     def publish(self, name, value):
-        """Publishes a value on the stream of that name, which is opened if it is not yet."""
-        return self.stream(name).publish(value)
+        """Publishes a value on the stream of that name, which is opened if it is not yet; answers whether it was sent."""
+        return self._own_stream(name, "variant").publish(value)
 
     def publish_bytes(self, name, payload):
         """As `publish`, bytes as they are."""
-        return self.stream(name, format="bytes").publish_bytes(payload)
+        return self._own_stream(name, "bytes").publish_bytes(payload)
+
+    def _own_stream(self, name, form):
+        known = self.flow.own.get(name)
+        return known if isinstance(known, Stream) else self.stream(name, format=form)
 
     def repeat(self, name, source, **properties):
         """Opens a stream of one's own that repeats the stream of the full name `source`: same bytes, another name."""

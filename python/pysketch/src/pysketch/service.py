@@ -65,11 +65,11 @@ class Request(object):
         """Lets the service answer: what its function returns is the answer unless it answered, or is None."""
         try:
             value = self._service.answer(self)
+            if value is not None:
+                self.answer(value)
         except Exception as error:
             traceback.print_exc()
-            return self.decline("%s: %s" % (type(error).__name__, error))
-        if value is not None:
-            self.answer(value)
+            self.decline("%s: %s" % (type(error).__name__, error))
 
 
 class Reply(object):

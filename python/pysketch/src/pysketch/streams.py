@@ -2,6 +2,7 @@
 
 from . import table
 from .channels import OwnChannel
+from .connection import Refused
 from .flow import Part
 from .variant import BINARY, JSON, pack
 
@@ -58,6 +59,16 @@ class Stream(OwnChannel):
         connection.publish(self.reference, self._message, payload)
         return True
 
+    @property
+    def credit_left(self):
+        """How many bytes may still be published on a reliable stream, each fragment counted with `FRAGMENT_COST_BYTES` more."""
+        return self._credit - self._used
+
+    def send_frames(self, frames, cost):
+        """Sends `publish` frames that were made beforehand and cost so much of the credit: for `bench`."""
+        self._used += cost
+        self.flow.connection.send_frames(frames)
+
     def _unsent(self):
         # What nobody wants is not lost.
         if self.flow.connection is None or self.listened and not self.repeating:
@@ -67,13 +78,19 @@ class Stream(OwnChannel):
     def repeat(self, source):
         """Repeats the channel of this full name from now on, whenever it exists."""
         self.source = source
-        self.begin_repeating()
+        if self.repeating:
+            self._stop_attached()
+        else:
+            self.begin_repeating()
 
     def stop_repeating(self):
         """Repeats no more."""
         self.source = None
         if self.repeating:
-            self.flow.command("detach", self.reference, about=self.name)
+            self._stop_attached()
+
+    def _stop_attached(self):
+        self.flow.command("detach", self.reference, about=self.name)
 
     # ---- for the flow ----
 
@@ -90,7 +107,25 @@ class Stream(OwnChannel):
         """Attaches, if both channels exist."""
         source = self.flow.channels.named(self.source, "stream") if self.source and self.flow.ready else None
         if source is not None and self.reference is not None and not self.repeating:
-            self.flow.command("attach", self.reference, source.reference, about=self.name)
+            self.flow.ask(self._repeats, "attach", self.reference, source.reference, about=self.name)
+
+    def _repeats(self, answer):
+        # `Attached`: the hub has kept a tie over a loss of the link, and tells that too. `Gone`: the source may come back.
+        if isinstance(answer, Refused) and answer.code not in ("Attached", "Gone", "Lost"):
+            self.flow.listener.on_refused(answer)
+
+    def attached(self, source):
+        """The hub repeats that source. It may be another than is wanted: one of before a loss of the link."""
+        self.repeating, wanted = True, self.flow.channels.named(self.source) if self.source else None
+        if wanted is None or wanted.reference != source:
+            self._stop_attached()
+
+    def detached(self, asked):
+        """The hub repeats nothing any more, because it was asked or because the source has gone: then it is repeated again
+        when it comes back."""
+        self.repeating = False
+        if asked:
+            self.begin_repeating()
 
     def credited(self, total):
         """The hub says how many bytes may be published since the channel was opened, in all."""
@@ -124,10 +159,9 @@ class Streams(Part):
     def _on_attached(self, _tag, _flags, fields):
         stream = self._flow.own_of(fields[0])
         if stream is not None:
-            stream.repeating = True
+            stream.attached(tuple(fields[1]))
 
-    def _on_detached(self, _tag, _flags, fields):
-        # If the source has gone, it is repeated again when it comes back.
+    def _on_detached(self, tag, _flags, fields):
         stream = self._flow.own_of(fields[0])
         if stream is not None:
-            stream.repeating = False
+            stream.detached(tag != 0)

@@ -76,11 +76,14 @@ class Subscriptions(Part):
 
     def __init__(self, flow):
         self._flow, self.by_name, self._by_key, self._gathering = flow, {}, {}, Gathering()
+        # Given up while there was no hub: one that takes this satellite for the one before has them still.
+        self._renounced = set()
         flow.on_run = self._on_run
         self.events = {"data": self._on_fragment, "dropped": self._on_dropped, "unsubscribed": self._on_unsubscribed}
 
     def add(self, subscription):
         """Begins to hear a channel, or changes how."""
+        self._renounced.discard(subscription.name)
         self.by_name[subscription.name] = subscription
         if self._flow.ready:
             self._begin(subscription)
@@ -92,8 +95,14 @@ class Subscriptions(Part):
         if subscription is None:
             return
         subscription.cancelled = True
+        if self._flow.ready:
+            self._end(name)
+        else:
+            self._renounced.add(name)
+
+    def _end(self, name):
         channel = self._flow.channels.named(name)
-        if channel is not None and self._flow.ready:
+        if channel is not None:
             self._by_key.pop(channel.key, None)
             self._flow.command("unsubscribe", channel.reference, about=name)
 
@@ -109,6 +118,9 @@ class Subscriptions(Part):
             subscription.begin()
 
     def restore(self):
+        renounced, self._renounced = self._renounced, set()
+        for name in renounced if self._flow.resumed else ():
+            self._end(name)
         for subscription in self.by_name.values():
             self._begin(subscription)
 

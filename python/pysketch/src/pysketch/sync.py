@@ -29,10 +29,10 @@ class SyncSource(OwnChannel):
         OwnChannel.__init__(self, flow, name, properties)
         self.sequence = 0
 
-    def exists(self, channel):
-        OwnChannel.exists(self, channel)
-        if not self.flow.resumed:
-            self.sequence = 0
+    def create(self):
+        # A channel that the hub kept goes on counting; a new one begins anew.
+        self.sequence = 0
+        OwnChannel.create(self)
 
     def tick(self):
         """A pulse of the satellite."""

@@ -2,19 +2,22 @@
 
 import os
 
+from .address import Address
 from .blob import PIECE_BYTES, FileInfo, changed, checked
 from .channels import ChannelInfo
 from .clock import monotonic
 from .connection import Closed, Connection, Refused
 from .frames import Gathering
-from .links import Address
 from .login import ROUNDS, SALT_BYTES, verifier
 from .pulse import look
 from .service import GRACE_S, form_of
-from .variant import BINARY, JSON, pack, unpack
+from .table import SILENCE_MAX_S
+from .variant import FORMS, pack, unpack
 
 ANSWER_WITHIN_S = 5.0
 _LOOK_S = 0.25
+# After this a question goes on a new connection: a hub gives up who is silent for twice as long.
+ALONE_MAX_S = SILENCE_MAX_S / 2.0
 
 
 def connect(hub=None, credentials=None, within=ANSWER_WITHIN_S, form="variant"):
@@ -24,18 +27,44 @@ def connect(hub=None, credentials=None, within=ANSWER_WITHIN_S, form="variant"):
 
 class SyncConnection(object):
     """See `connect`. Every method blocks, at most `within` seconds, and raises `Refused`, `Closed` or
-    `LinkError`. With `form="json"` values travel as JSON instead of variants."""
+    `LinkError`. With `form="json"` values travel as JSON instead of variants. A hub ends connections that are silent: after
+    three seconds without a question the next one goes on a connection of its own, with the same database."""
 
     def __init__(self, hub=None, credentials=None, within=ANSWER_WITHIN_S, form="variant"):
-        address = Address(hub)
-        self.within, self._form = within, JSON if form == "json" else BINARY
-        self._answers, self._pieces, self._polled = [], Gathering(), set()
-        self._connection = Connection(address.open(), address.credentials(credentials), self)
+        if form not in FORMS:
+            raise ValueError("values travel as `variant` or `json`, not as %r" % (form,))
+        self._address, self.within, self._form = Address(hub), within, FORMS[form]
+        self._credentials = self._address.credentials(credentials)
+        self._database, self._closed = None, False
+        self._open()
+
+    def _open(self):
+        self._answers, self._pieces, self._polled, self._unheard = [], Gathering(), set(), False
+        self._connection = Connection(self._address.open(), self._credentials, self)
         try:
             self._until(lambda: self._connection.state == "synchronous")
         except Exception:
             self._connection.link.close()
             raise
+
+    def _fresh(self):
+        """The connection to ask on: a new one if this was left alone for so long that the hub may have ended it."""
+        if self._closed:
+            raise Closed("", "this connection was closed")
+        if self._unheard or monotonic() - self._connection.heard > ALONE_MAX_S:
+            self._connection.link.close()
+            self._open()
+            self._select_again()
+        return self._connection
+
+    def _select_again(self):
+        name, self._database = self._database, None
+        if name is not None:
+            try:
+                self.select(name)
+            except Refused:
+                # It has gone: what is asked of it now is refused.
+                pass
 
     def __enter__(self):
         return self
@@ -45,6 +74,7 @@ class SyncConnection(object):
 
     def close(self):
         """Ends it."""
+        self._closed = True
         self._connection.close()
 
     @property
@@ -96,15 +126,21 @@ class SyncConnection(object):
 
     def _call(self, channel, payload, within):
         within = self.within if within is None else within
-        tag = self._connection.next_tag()
-        self._connection.send_message("call", tag, (channel.reference, int(within * 1000)), payload)
-        more = True
-        while more:
-            more, answer = self._answer(tag, within + GRACE_S)[1]
-            yield answer
+        connection, more = self._fresh(), True
+        tag = connection.next_tag()
+        connection.send_message("call", tag, (channel.reference, int(within * 1000)), payload)
+        try:
+            while more:
+                more, answer = self._answer(tag, within + GRACE_S)[1]
+                yield answer
+        except GeneratorExit:
+            # The rest of the answers would come before those to other questions.
+            self._unheard = True
+            raise
 
     def poll(self, name):
-        """The newest message of a stream, as bytes; None while there is none."""
+        """The newest message of a stream, as bytes; None while there is none. The hub keeps it from the first question on,
+        as long as the next ones come within three seconds."""
         reference = self.channel(name).reference
         if reference not in self._polled:
             self._one("poll_register", reference)
@@ -187,7 +223,9 @@ class SyncConnection(object):
 
     def select(self, name):
         """Makes it the current one of this connection."""
+        self._database = None
         self._one("db_select", name)
+        self._database = name
         return self
 
     def get(self, key):
@@ -225,10 +263,10 @@ class SyncConnection(object):
     # ---- the connection ----
 
     def _one(self, command, *values):
-        return self._answer(self._connection.send(command, *values), self.within)[1]
+        return self._answer(self._fresh().send(command, *values), self.within)[1]
 
     def _list(self, command, *values):
-        tag, entries = self._connection.send(command, *values), []
+        tag, entries = self._fresh().send(command, *values), []
         while True:
             answer = self._answer(tag, self.within)
             if answer[0] == "list_end":

@@ -337,6 +337,10 @@ EVENTS = {
         ("missed", "u64"),
         ("divisor", "u8"),
     )),
+    "owner_changed": (0x9f, False, ("synchronous", "flow",), (
+        ("channel", "channel"),
+        ("owner", "u64"),
+    )),
     "request": (0xa0, True, ("flow",), (
         ("channel", "channel"),
         ("request", "u64"),

@@ -31,7 +31,8 @@ def open_port(path):
 
 
 class Port(object):
-    """A serial port (`file` is its descriptor, which becomes the port's own), raw and non-blocking, and the line on it. `users` counts the links."""
+    """A serial port, raw and non-blocking, and the line on it. `file` is its descriptor, which becomes the port's own;
+    `users` counts the links."""
 
     def __init__(self, file, path, baud, listens=False):
         self.file, self.path, self.users, self.failed, self._rest = file, path, 0, False, b""

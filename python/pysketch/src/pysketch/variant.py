@@ -27,6 +27,8 @@ else:
 DEPTH_MAX = 64
 NULL, BOOL, I8, I16, I32, I64, U8, U16, U32, U64, F32, F64, STRING, BYTES, LIST, MAP = range(16)
 BINARY, JSON = 0, 1
+# As users call them.
+FORMS = {"variant": BINARY, "json": JSON}
 
 _NUMBERS = {
     I8: struct.Struct("<b"), I16: struct.Struct("<h"), I32: struct.Struct("<i"), I64: struct.Struct("<q"),

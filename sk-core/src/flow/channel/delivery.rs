@@ -4,7 +4,8 @@ use super::super::Policy;
 use super::super::definition::Encoded;
 use super::super::frame::Flags;
 use super::outgoing::{Begun, data};
-pub use super::outgoing::{Budget, Outgoing, charge_of};
+pub use super::outgoing::{Outgoing, charge_of};
+pub use crate::flow::wire::budget::{Budget, Charge};
 use crate::testing::{Bug, is_planted};
 use std::collections::VecDeque;
 
@@ -12,7 +13,7 @@ use std::collections::VecDeque;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[repr(u8)]
 pub enum DropReason {
-    /// The connection had as many bytes waiting as it may.
+    /// The connection had as many bytes waiting as it may, or the message is longer than it takes.
     Full = 0,
     /// A newer message took its place.
     NewestWins = 1,
@@ -31,7 +32,11 @@ pub enum DropReason {
 impl DropReason {
     /// All of them, in the order of their numbers, with what they mean.
     pub const ALL: [(DropReason, &'static str, &'static str); 7] = [
-        (DropReason::Full, "Full", "The connection had as many bytes waiting as it may."),
+        (
+            DropReason::Full,
+            "Full",
+            "The connection had as many bytes waiting as it may, or the message is longer than it takes.",
+        ),
         (DropReason::NewestWins, "NewestWins", "A newer message took its place."),
         (DropReason::Gone, "Gone", "The subscription, its channel or its connection ended."),
         (DropReason::Aborted, "Aborted", "The publisher gave the message up."),

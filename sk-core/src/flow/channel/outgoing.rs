@@ -1,20 +1,21 @@
-//! A whole message on its way to subscribers, and the budget of bytes that all such messages share.
+//! A whole message on its way to subscribers.
 
 use super::super::codec::ChannelRef;
 use super::super::definition::{Encoded, TAG_BYTES};
 use super::super::fragment::Pieces;
 use super::super::frame::{Flags, HEADER_BYTES};
 use super::super::limits::{ITEM_OVERHEAD_BYTES, SHARED_PAYLOAD_BYTES_MIN};
+use super::super::wire::budget::{Budget, Charge};
 use super::super::{Event, Message as _};
 use bytes::{Bytes, BytesMut};
 use smallvec::{SmallVec, smallvec};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// The bytes before the payload in a `data` frame.
 pub(super) const DATA_HEAD_BYTES: usize = HEADER_BYTES + TAG_BYTES + 8;
 
-/// Bytes that are counted once however many queues hold them. A clone counts into the same budget.
+/// A whole message on its way to the subscribers of a channel, encoded once for all of them. A clone
+/// shares everything; the budget is charged until the last one goes.
 ///
 /// ```
 /// use bytes::Bytes;
@@ -30,36 +31,6 @@ pub(super) const DATA_HEAD_BYTES: usize = HEADER_BYTES + TAG_BYTES + 8;
 /// drop(second_queue);
 /// assert_eq!(budget.used(), 0);
 /// ```
-#[derive(Clone, Debug, Default)]
-pub struct Budget(Arc<AtomicUsize>);
-
-impl Budget {
-    /// What is charged now.
-    pub fn used(&self) -> usize {
-        self.0.load(Ordering::Relaxed)
-    }
-
-    fn charge(&self, bytes: usize) -> Charge {
-        self.0.fetch_add(bytes, Ordering::Relaxed);
-        Charge { budget: self.clone(), bytes }
-    }
-}
-
-/// Bytes of a budget; given back when this is dropped.
-#[derive(Debug)]
-struct Charge {
-    budget: Budget,
-    bytes: usize,
-}
-
-impl Drop for Charge {
-    fn drop(&mut self) {
-        self.budget.0.fetch_sub(self.bytes, Ordering::Relaxed);
-    }
-}
-
-/// A whole message on its way to the subscribers of a channel, encoded once for all of them. A clone
-/// shares everything; the budget is charged until the last one goes.
 #[derive(Clone, Debug)]
 pub struct Outgoing(Arc<Whole>);
 
@@ -107,7 +78,7 @@ impl Outgoing {
     /// The same message on a replicating channel. The payloads are shared, and not charged again.
     pub fn repeated_on(&self, channel: ChannelRef) -> Outgoing {
         let count = self.0.fragments.len();
-        let charged = self.0.charged.budget.charge(ITEM_OVERHEAD_BYTES * count);
+        let charged = self.0.charged.budget().charge(ITEM_OVERHEAD_BYTES * count);
         let payloads = self.0.fragments.iter().map(|fragment| fragment.payload.clone());
         Outgoing::build(channel, self.0.message, payloads, self.0.charge, charged, Some(self.clone()))
     }
@@ -115,7 +86,7 @@ impl Outgoing {
     /// The same bytes as another message of the channel.
     pub(super) fn renumbered(&self, message: u32) -> Outgoing {
         let payloads = self.0.fragments.iter().map(|fragment| fragment.payload.clone());
-        let charged = self.0.charged.budget.charge(0);
+        let charged = self.0.charged.budget().charge(0);
         Outgoing::build(self.0.channel, message, payloads, self.0.charge, charged, Some(self.clone()))
     }
 
@@ -139,6 +110,11 @@ impl Outgoing {
     /// What it is charged to a connection while it waits: its payload and a little for each fragment.
     pub fn charge(&self) -> usize {
         self.0.charge
+    }
+
+    /// How long it is, all its fragments together.
+    pub fn length(&self) -> usize {
+        self.0.charge - ITEM_OVERHEAD_BYTES * self.0.fragments.len()
     }
 
     /// The message's id.

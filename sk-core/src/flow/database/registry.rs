@@ -50,7 +50,8 @@ pub struct Open {
     pub pairs: PairDatabase,
     /// Whether every change goes to the disk.
     pub durable: bool,
-    /// Whether the disk failed at a change, so that it has an older state than acknowledged changes rest on.
+    /// Whether the disk does not have the state that the next change rests on: it failed at one, or what was saved was
+    /// removed.
     pub torn: bool,
     /// Those who are to be told of changes.
     pub watchers: Vec<Watcher>,
@@ -324,6 +325,10 @@ impl Databases {
             return Ok(watchers);
         }
         let saved = saved.ok_or(RefusalCode::NoSuchDatabase)?;
+        if let Held::Open(open) = &mut place.contents {
+            // What is in memory is not on the disk any more: the next change takes all of it there.
+            open.torn = true;
+        }
         if name.kind() != DatabaseKind::User {
             self.count_one_less(&saved.account);
         }
@@ -410,9 +415,14 @@ impl Databases {
         Ok(saved)
     }
 
+    /// What was saved of this name.
+    pub fn saved(&self, name: &DatabaseName) -> Option<&Saved> {
+        self.places.get(name)?.saved.as_deref()
+    }
+
     /// Whether something of this name was saved.
     pub fn is_saved(&self, name: &DatabaseName) -> bool {
-        self.places.get(name).is_some_and(|place| place.saved.is_some())
+        self.saved(name).is_some()
     }
 
     /// Notes that the contents were asked for.

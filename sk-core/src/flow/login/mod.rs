@@ -2,7 +2,8 @@
 //!
 //! The proofs are HMAC-SHA-256 keyed by the token over a label, the prover's nonce and the other's. The
 //! labels differ, so the proof of one side is never a proof of the other; the nonces are new for each
-//! connection, so a proof that was overheard is worth nothing.
+//! connection, so a proof that was overheard is worth nothing. On an encrypted connection the proofs are keyed by a
+//! token that was bound to it, so that one which was passed on from another connection is worth nothing either.
 
 pub mod scram;
 
@@ -18,6 +19,10 @@ use thiserror::Error;
 pub type Nonce = [u8; 32];
 /// The proof of one side.
 pub type Proof = [u8; 32];
+
+/// What both ends of an encrypted connection know and nobody between them: a proof over it is worth nothing on
+/// another connection.
+pub type Binding = [u8; 32];
 
 /// What begins the input of the client's proof.
 pub const CLIENT_LABEL: &[u8] = b"SpecialK flow 1 client";
@@ -77,6 +82,11 @@ impl OwnerToken {
         }
         text.push('\n');
         text
+    }
+
+    /// The token that proofs are keyed by on this very connection, if it is encrypted.
+    pub fn bound_to(&self, binding: &Binding) -> OwnerToken {
+        OwnerToken(self.prove(b"SpecialK flow 1 bound", binding, &[0; 32]))
     }
 
     /// What a client sends to show that it knows the token.

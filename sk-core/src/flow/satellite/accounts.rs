@@ -90,7 +90,7 @@ impl SatelliteCore {
 
     /// The first message of a login by password.
     pub(super) fn begin_scram(&mut self, user: &Name) -> Command {
-        let exchange = ClientExchange::new(user.as_str(), &self.nonce);
+        let exchange = ClientExchange::new(user.as_str(), &self.nonce).bound_to(self.binding);
         let message = exchange.first();
         self.scram = Some(exchange);
         Command::LoginScram { message }

@@ -3,7 +3,7 @@
 use super::super::blob::BlobEntry;
 use super::super::{ChannelRef, Command, Event, Flags, Message, Path};
 use super::databases::List;
-use super::sending::Kind;
+use super::sending::{Kind, Stream};
 use super::{SatelliteCore, SatelliteError, SatelliteEvent};
 use bytes::Bytes;
 use sk_flat::SkVariant;
@@ -32,7 +32,15 @@ impl SatelliteCore {
         if !legal || line.fragment || !self.is_ready() {
             return Err(SatelliteError::State(line.name));
         }
-        let tag = self.command(command)?;
+        let tag = match *command {
+            // Pieces of the upload before at the same path may wait; the hub must not take them for this one's.
+            Command::BlobBegin { channel, .. } | Command::BlobAbort { channel, .. } => {
+                let tag = self.tag();
+                let fits = self.outbox.command_after(Stream::Upload(channel), command, tag);
+                if fits { tag } else { return Err(SatelliteError::Full) }
+            }
+            _ => self.command(command)?,
+        };
         match command {
             Command::BlobList { .. } => drop(self.lists.insert(tag, List::Blobs(Vec::new()))),
             Command::BlobRead { .. } => drop(self.downloads.insert(tag)),

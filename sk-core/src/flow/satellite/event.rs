@@ -154,6 +154,8 @@ pub enum SatelliteEvent {
         /// What is known of the channel now.
         info: ChannelInfo,
     },
+    /// Another connection owns a channel: its flow came back and took its own place again.
+    OwnerChanged(ChannelInfo),
     /// A channel of one's own repeats another one from here on.
     Attached {
         /// What was asked.

@@ -82,6 +82,12 @@ impl SatelliteCore {
                     self.events.push_back(SatelliteEvent::HeaderChanged { tag, info });
                 }
             }
+            Event::OwnerChanged { channel, owner } => {
+                if let Some(info) = self.channels.get_mut(&channel) {
+                    info.owner = owner;
+                    self.events.push_back(SatelliteEvent::OwnerChanged(info.clone()));
+                }
+            }
             Event::Request { channel, request, asker, payload } => {
                 self.on_request(flags, Asked { channel, request, asker }, payload)?;
             }
@@ -114,7 +120,9 @@ impl SatelliteCore {
             Event::Credit { channel, bytes } => self.credited(channel, bytes),
             Event::UdpOpened { session, key, port } => self.udp_opened(tag, session, key, port),
             Event::Refused { code, text } => {
-                self.creating.remove(&tag);
+                if let Some(asked) = self.creating.answered(tag) {
+                    self.creation_answered(asked, None);
+                }
                 self.on_call_over(tag);
                 self.lists.remove(&tag);
                 self.on_blob_refused(tag);
@@ -174,9 +182,9 @@ impl SatelliteCore {
 
     fn log_in(&mut self) {
         let command = match &self.credentials {
-            Credentials::Token(token) => {
-                Command::LoginToken { proof: token.client_proof(&self.nonce, &self.hub_nonce) }
-            }
+            Credentials::Token(token) => Command::LoginToken {
+                proof: self.token_here(token).client_proof(&self.nonce, &self.hub_nonce),
+            },
             Credentials::Password(login) => {
                 let user = login.user().clone();
                 self.begin_scram(&user)
@@ -188,7 +196,9 @@ impl SatelliteCore {
 
     fn logged_in(&mut self, connection: u64, user: String, proof: &[u8; 32]) -> Result<(), ProtocolError> {
         let true_hub = match &self.credentials {
-            Credentials::Token(token) => token.hub_is_true(&self.nonce, &self.hub_nonce, proof),
+            Credentials::Token(token) => {
+                self.token_here(token).hub_is_true(&self.nonce, &self.hub_nonce, proof)
+            }
             Credentials::Password(_) => self.scram.take().is_some_and(|exchange| exchange.hub_is_true(proof)),
             Credentials::Peer => true,
         };
@@ -227,7 +237,8 @@ impl SatelliteCore {
         let channel = info.channel;
         self.names.insert(info.name.clone(), channel);
         self.channels.insert(channel, info.clone());
-        let created = self.creating.remove(&tag).is_some() && info.owner == self.connection;
+        let asked = self.creating.answered(tag).filter(|_| info.owner == self.connection);
+        let created = asked.is_some_and(|asked| self.creation_answered(asked, Some(channel)));
         let name = info.name.clone();
         if let Some((policy, depth)) = self.wanted.get(&name) {
             let command = hear(channel, *policy, *depth);

@@ -8,6 +8,7 @@
 mod accounts;
 mod blobs;
 mod channels;
+mod creating;
 mod databases;
 mod event;
 mod incoming;
@@ -30,16 +31,16 @@ use super::limits::{FRAGMENT_BYTES_MAX, MAGIC, MESSAGE_BYTES_MAX};
 use super::limits::{
     LOGIN_TIME_MAX, PING_AFTER, SILENCE_MAX, SUBSCRIPTION_DEPTH_MAX, VERSION, VERSION_OLDEST,
 };
-use super::login::{Nonce, OwnerToken};
+use super::login::{Binding, Nonce, OwnerToken};
 use super::scram::{ClientExchange, Derivation};
 use super::server::Session;
 use super::wire::Slices;
-use super::{ChannelRef, Command, Event, Form, Inbound, Policy, Properties, State};
+use super::{ChannelRef, Command, Event, Form, Inbound, Policy, State};
 use bytes::Bytes;
 use rustc_hash::FxHashMap;
 use sending::{Kind, Outbox};
 use services::Incoming;
-use sk_flat::{Instant, Name, SkVariant};
+use sk_flat::{Instant, Name};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 /// How a satellite logs in.
@@ -82,6 +83,8 @@ pub struct SatelliteCore {
     wants_flow: bool,
     nonce: Nonce,
     hub_nonce: Nonce,
+    /// Of an encrypted connection.
+    binding: Option<Binding>,
     user: Option<Name>,
     connection: u64,
     /// What to call the flow, or empty.
@@ -99,8 +102,7 @@ pub struct SatelliteCore {
     wanted: BTreeMap<String, (Policy, u16)>,
     /// Names of sync channels to be followed.
     followed: BTreeMap<String, Divisor>,
-    /// Names whose creation was asked, by tag.
-    creating: BTreeMap<u32, String>,
+    creating: creating::Creating,
     gathering: Gathering<Incoming>,
     /// The tags of open calls.
     calls: BTreeSet<u32>,
@@ -160,6 +162,18 @@ impl SatelliteCore {
         SatelliteCore::begin(credentials, nonce, false, now)
     }
 
+    /// Binds the login to this very connection, which is an encrypted one; before the hub's first frame.
+    pub fn bind(&mut self, binding: Binding) {
+        self.binding = Some(binding);
+    }
+
+    /// The owner's token as this connection uses it.
+    fn token_here(&self, token: &OwnerToken) -> OwnerToken {
+        self.binding
+            .as_ref()
+            .map_or_else(|| token.clone(), |binding| token.bound_to(binding))
+    }
+
     fn begin(credentials: Credentials, nonce: Nonce, wants_flow: bool, now: Instant) -> SatelliteCore {
         let mut core = SatelliteCore {
             inbound: Inbound::new(),
@@ -168,6 +182,7 @@ impl SatelliteCore {
             wants_flow,
             nonce,
             hub_nonce: [0; 32],
+            binding: None,
             user: None,
             connection: 0,
             flow_name: String::new(),
@@ -179,7 +194,7 @@ impl SatelliteCore {
             own: FxHashMap::default(),
             wanted: BTreeMap::new(),
             followed: BTreeMap::new(),
-            creating: BTreeMap::new(),
+            creating: creating::Creating::default(),
             gathering: Gathering::default(),
             polled: Gathering::default(),
             calls: BTreeSet::new(),
@@ -257,6 +272,11 @@ impl SatelliteCore {
             && self.inbound.state() == if self.wants_flow { State::Flow } else { State::Synchronous }
     }
 
+    /// Whether the hub has answered this core's first frame.
+    pub fn has_greeted(&self) -> bool {
+        self.inbound.state() != State::Greeting
+    }
+
     /// The account, after the login.
     pub fn user(&self) -> Option<&Name> {
         self.user.as_ref()
@@ -312,46 +332,6 @@ impl SatelliteCore {
     /// were unfinished at once.
     pub fn lost(&self) -> u64 {
         self.lost
-    }
-
-    /// Whether a channel of this full name was asked for, and the hub has not answered.
-    pub fn is_creating(&self, full_name: &str) -> bool {
-        self.creating.values().any(|name| name == full_name)
-    }
-
-    /// Asks for a streaming channel; `Created` or `Refused` with the tag answers.
-    ///
-    /// # Errors
-    /// If the name or the properties cannot be, or the connection is no ready flow.
-    pub fn create(&mut self, name: &str, properties: &SkVariant) -> Result<u32, SatelliteError> {
-        let stream = |name, properties| Command::CreateStream { name, properties };
-        self.create_as("create_stream", stream, name, properties)
-    }
-
-    fn create_as(
-        &mut self,
-        what: &'static str,
-        command: impl FnOnce(String, Properties) -> Command,
-        name: &str,
-        properties: &SkVariant,
-    ) -> Result<u32, SatelliteError> {
-        let Some(user) = self.user.as_ref().filter(|_| self.is_flow()) else {
-            return Err(SatelliteError::State(what));
-        };
-        let full = Name::compose(user, &Name::new(name)?)?;
-        let properties = Properties::new(properties)?;
-        let tag = self.command(&command(name.to_owned(), properties))?;
-        self.creating.insert(tag, full.to_string());
-        Ok(tag)
-    }
-
-    /// Asks for the end of a channel; `ChannelRemoved` or `Refused` answers.
-    ///
-    /// # Errors
-    /// If the connection is no ready flow, or too much waits.
-    pub fn remove(&mut self, channel: ChannelRef) -> Result<u32, SatelliteError> {
-        self.need_flow("remove_channel")?;
-        self.command(&Command::RemoveChannel { channel })
     }
 
     /// Publishes a message. Answers `false`, having sent nothing, while nobody listens and the channel has no

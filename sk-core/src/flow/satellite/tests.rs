@@ -4,7 +4,8 @@ use super::super::error::ClosingReason;
 use super::super::login::NO_PROOF;
 use super::super::{Flags, Message};
 use super::*;
-use crate::flow::ChannelKind;
+use crate::flow::{ChannelKind, Path, Properties};
+use sk_flat::SkVariant;
 use std::time::Duration;
 
 fn at(ms: u64) -> Instant {
@@ -220,4 +221,23 @@ fn a_sync_channel_is_followed_whenever_there_is_one_of_its_name() {
     let wanted = Command::Subscribe { channel, policy: Policy::Latest, depth: 1, divisor: 2 };
     let tag = core.next_tag;
     assert_eq!(core.take().map(|frame| frame.to_vec()), Some(wanted.encode(tag, Flags::NONE).to_vec()));
+}
+
+#[test]
+fn an_upload_that_begins_anew_does_not_overtake_the_pieces_of_the_one_before() {
+    let mut core = ready();
+    let channel = ChannelRef { id: 2000, epoch: 1 };
+    let path = || Path("map".to_owned());
+    core.blob_write(channel, "map", 0, Bytes::from(vec![1; 2000])).expect("room");
+    for command in [
+        Command::BlobAbort { channel, path: path() },
+        Command::BlobBegin { channel, path: path(), bytes: 1, checksum: 2 },
+        Command::BlobStat { channel, path: path() },
+    ] {
+        core.blob(&command).expect("room");
+    }
+    let kinds: Vec<u8> = std::iter::from_fn(|| core.take()).map(|frame| frame.head[0]).collect();
+    let pieces = kinds.iter().filter(|kind| **kind == 0x32).count();
+    assert_eq!(kinds[0], 0x39, "a question may");
+    assert_eq!(kinds[1..], [vec![0x32; pieces], vec![0x34, 0x31]].concat());
 }

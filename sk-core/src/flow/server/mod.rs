@@ -19,11 +19,13 @@ mod connection;
 mod databases;
 mod inspect;
 mod notice;
+mod refusing;
 mod services;
 mod sync;
 #[cfg(test)]
 mod tests;
 mod turn;
+mod unfinished;
 
 pub use access::accounts::AccountsError;
 pub use access::sessions::Session;
@@ -35,30 +37,31 @@ pub use services::requests::RequestId;
 use super::channel::{Channel, Owner, Registry};
 use super::database::{DatabaseKind, DatabaseName, Databases, Entity};
 use super::definition::Encoded;
-use super::delivery::{Budget, Counts, DropReason};
-use super::error::{ClosingReason, ProtocolError, RefusalCode};
+use super::delivery::{Budget, Charge, Counts, DropReason};
+use super::error::{ClosingReason, ProtocolError};
 use super::frame::Flags;
 use super::limits::{
     CHECK_INTERVAL, CONNECTIONS_MAX, FRAGMENT_BYTES_MAX, LINGER_TIME_MAX, LOG_LINES_PER_SECOND_MAX,
-    LOGIN_TIME_MAX, UNAUTHENTICATED_MAX,
+    LOGIN_TIME_MAX, UNAUTHENTICATED_MAX, UNFINISHED_BYTES_MAX_IN_ALL,
 };
-use super::login::{Nonce, OwnerToken};
+use super::login::{Binding, Nonce, OwnerToken};
 use super::wire::Slices;
 use super::{ChannelRef, Event, Message, State};
-use crate::testing::{Bug, is_planted};
 use access::accounts::Accounts;
 use access::sessions::Sessions;
 use blobs::desk::Filing;
 use channels::audience::Subscribers;
+use channels::pacing::Announced;
 use channels::udp::Udp;
 use connection::addresses::Addresses;
 use connection::alarms::Alarms;
 use connection::{Connection, Connections};
+use databases::selected::Selected;
 use databases::storing::Storing;
 use notice::LogLimit;
 use services::requests::Requests;
 use sk_flat::{Instant, Name};
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeMap, VecDeque};
 use sync::Clock;
 use thiserror::Error;
 
@@ -110,8 +113,11 @@ pub struct ServerCore {
     connections: Connections,
     channels: Registry<Subscribers>,
     databases: Databases,
+    selected: Selected,
     storing: Storing,
     filing: Filing,
+    /// The command that is being carried out, by its name in the table.
+    asked: Option<&'static str>,
     /// Connections with commands that wait for their turn.
     work: VecDeque<ConnectionId>,
     dirty: Vec<ConnectionId>,
@@ -122,6 +128,8 @@ pub struct ServerCore {
     ended: Counts,
     /// What waits and is kept in all, shared payloads counted once.
     budget: Budget,
+    /// Of that, what is held of unfinished messages.
+    unfinished: Budget,
     /// What is kept for late joiners and those who poll.
     kept: usize,
     sessions: Sessions,
@@ -138,11 +146,15 @@ pub struct ServerCore {
     /// The open requests to services.
     requests: Requests,
     /// Those of them that the hub itself is to answer.
-    serving: BTreeSet<RequestId>,
+    serving: BTreeMap<RequestId, Charge>,
     unmatched_answers: u64,
+    /// What everybody was told just now, and who waits with more.
+    announced: Announced,
     /// The sync channels and their targets.
     clocks: BTreeMap<ChannelRef, Clock>,
     spurious: u64,
+    /// Logins over TLS must be bound to their connection.
+    must_bind: bool,
     log: LogLimit,
     started: Instant,
     now: Instant,
@@ -154,20 +166,24 @@ pub struct ServerCore {
 impl ServerCore {
     /// A hub with nobody connected.
     pub fn new(settings: Settings, now: Instant) -> ServerCore {
+        let budget = Budget::default();
         let mut core = ServerCore {
             accounts: Accounts::new(settings.token.as_ref()),
             settings,
             connections: Connections::default(),
             channels: Registry::default(),
             databases: Databases::default(),
+            selected: Selected::default(),
             storing: Storing::default(),
             filing: Filing::default(),
+            asked: None,
             work: VecDeque::new(),
             dirty: Vec::new(),
             notices: VecDeque::new(),
             to_close: VecDeque::new(),
             ended: Counts::default(),
-            budget: Budget::default(),
+            unfinished: budget.part(UNFINISHED_BYTES_MAX_IN_ALL),
+            budget,
             kept: 0,
             sessions: Sessions::default(),
             udp: Udp::default(),
@@ -178,10 +194,12 @@ impl ServerCore {
             newcomers: VecDeque::new(),
             late_fragments: 0,
             requests: Requests::default(),
-            serving: BTreeSet::new(),
+            serving: BTreeMap::new(),
             unmatched_answers: 0,
+            announced: Announced::default(),
             clocks: BTreeMap::new(),
             spurious: 0,
+            must_bind: false,
             log: LogLimit::new(LOG_LINES_PER_SECOND_MAX),
             started: now,
             now,
@@ -214,7 +232,9 @@ impl ServerCore {
             self.evict();
         }
         self.databases.stir(&nonce);
-        let id = self.connections.add(Connection::new(origin, nonce, now));
+        let id = self
+            .connections
+            .add(Connection::new(origin, nonce, now, self.unfinished.clone()));
         self.waiting += 1;
         while let Some(first) = self.newcomers.front()
             && !self.connections.get(*first).is_some_and(is_waiting)
@@ -225,6 +245,28 @@ impl ServerCore {
         self.look_at(id, now + LOGIN_TIME_MAX);
         self.settle();
         Ok(id)
+    }
+
+    /// Notes what a login of this connection, which is an encrypted one, can be bound to; before the login.
+    pub fn bind(&mut self, id: ConnectionId, binding: Binding) {
+        if let Some(connection) = self.connections.get_mut(id)
+            && connection.user.is_none()
+        {
+            connection.binding = Some(binding);
+        }
+    }
+
+    /// Whether a connection has neither logged in nor been bound.
+    pub fn is_unbound(&self, id: ConnectionId) -> bool {
+        self.connections
+            .get(id)
+            .is_some_and(|connection| connection.user.is_none() && connection.binding.is_none())
+    }
+
+    /// Lets nobody log in over an encrypted connection whose login is not bound to it, from here on. Satellites in
+    /// Python cannot bind theirs.
+    pub fn require_channel_binding(&mut self, required: bool) {
+        self.must_bind = required;
     }
 
     /// Whether one more connection may come from there now; to be asked before [`open`](ServerCore::open). A
@@ -357,7 +399,15 @@ impl ServerCore {
         sum
     }
 
-    /// How many bytes wait for all connections or are kept, shared payloads counted once.
+    /// Lets this hub hold no more bytes than that for all connections together, and half of it of unfinished
+    /// messages; 256 MiB are what it may hold otherwise.
+    pub fn narrow_bytes(&mut self, bytes_max: usize) {
+        self.budget.narrow(bytes_max);
+        self.unfinished.narrow(bytes_max / 2);
+    }
+
+    /// How many bytes wait for all connections, are kept, or are held of unfinished messages, requests and
+    /// answers, shared payloads counted once.
     pub fn bytes_waiting(&self) -> usize {
         self.budget.used()
     }
@@ -384,11 +434,6 @@ impl ServerCore {
 
     fn answer(&mut self, id: ConnectionId, tag: u32, event: &Event) {
         self.send(id, event.encode(tag, Flags::NONE));
-    }
-
-    fn refuse(&mut self, id: ConnectionId, tag: u32, code: RefusalCode) {
-        assert!(!is_planted(Bug::PanicAtRefusal), "a bug was planted here");
-        self.answer(id, tag, &Event::Refused { code: code.code(), text: code.to_string() });
     }
 
     fn mark_dirty(&mut self, id: ConnectionId) {
@@ -448,7 +493,6 @@ impl ServerCore {
         let Some(connection) = self.connections.get_mut(id) else { return };
         let owned = std::mem::take(&mut connection.owned);
         let subscribed = connection.output.channels();
-        let polled = std::mem::take(&mut connection.polls);
         self.leave_databases(id);
         for channel in owned {
             self.remove_channel(channel, None, reason);
@@ -456,9 +500,7 @@ impl ServerCore {
         for channel in subscribed {
             self.end_subscription(id, channel, reason);
         }
-        for channel in polled {
-            self.end_polling(id, channel);
-        }
+        self.end_all_polling(id);
     }
 
     /// Does what must not happen in the middle of a call: closes those whose control queue ran over. Each

@@ -2,7 +2,7 @@
 
 use super::super::definition::{Encoded, Tagged};
 use super::super::error::{ProtocolError, RefusalCode};
-use super::super::limits::TURN_COST_MAX;
+use super::super::limits::{FRAGMENT_BYTES_MAX, TURN_COST_MAX};
 use super::super::scram::Verifier;
 use super::super::{ChannelKind, Command, Event, Flags, Message};
 use super::blobs::UploadPiece;
@@ -46,7 +46,12 @@ impl ServerCore {
         if let Some(id) = self.work.pop_front() {
             if let Some(connection) = self.connections.get_mut(id) {
                 connection.queued = false;
+                let tells = connection.replay.is_some() || connection.desk.has_news();
                 self.turn(id);
+                if tells {
+                    // What was not found out in the turn before is looked for when there is room to tell it.
+                    self.mark_dirty(id);
+                }
             }
             self.settle();
         }
@@ -75,8 +80,14 @@ impl ServerCore {
                 }
                 Ok(Some(tagged)) => {
                     connection.frame_begun = None;
+                    if self.must_wait(&tagged.message) {
+                        return self.pace(id, tagged);
+                    }
                     let cost = tagged.message.definition().cost;
-                    if let Err(error) = self.dispatch(id, tagged) {
+                    self.asked = Some(tagged.message.definition().name);
+                    let done = self.dispatch(id, tagged);
+                    self.asked = None;
+                    if let Err(error) = done {
                         return self.kill(id, error);
                     }
                     if cost >= budget {
@@ -96,6 +107,13 @@ impl ServerCore {
         if !connection.rights.has(message.definition().right) && !is_planted(Bug::RightsSkipped) {
             self.refuse_once(id, tag, flags, &message, RefusalCode::Denied);
             return Ok(());
+        }
+        // A whole message finds room, or none, with those who hear it.
+        let held = message.definition().fragment
+            && !(flags == Flags::WHOLE && matches!(message, Command::Publish { .. }));
+        if held && !self.budget.has_room_for(FRAGMENT_BYTES_MAX) {
+            // Who does not read what waits for him is not to keep others from sending.
+            self.make_room();
         }
         match message {
             Command::Hello { magic, version, version_oldest, fragment_bytes, message_bytes, nonce } => {

@@ -27,6 +27,10 @@ impl Own {
         Own { properties, channel: None, latched: None, latch_is_due: false, source: None, by_udp: false }
     }
 
+    pub(super) fn channel(&self) -> Option<ChannelRef> {
+        self.channel
+    }
+
     fn has_latch(&self) -> bool {
         self.properties.get("latch") == Some(&SkVariant::Bool(true))
     }
@@ -62,10 +66,8 @@ impl SkFlowSat {
         {
             log_failure(name, core.subscribe_as(name, *policy, *depth));
         }
-        let (interval, mode) = (cx.settings().interval, cx.settings().mode);
-        self.clerk
-            .introduce("pulse.interval_ms", &(interval.as_secs_f64() * 1000.0).into());
-        self.clerk.introduce("pulse.mode", &format!("{mode:?}").into());
+        self.introduce_pulse(cx);
+        let Some(core) = &mut self.core else { return };
         self.clerk.restore(core);
         self.porter.restore(core);
         self.restore_services(cx);
@@ -111,7 +113,9 @@ impl SkFlowSat {
         let ours = full_name
             .split_once('.')
             .filter(|(user, _)| core.user().is_some_and(|own| own.as_str() == *user));
-        let Some((_, name)) = ours.filter(|_| !core.is_creating(full_name)) else { return };
+        // What was asked for in its place may be there already, and only be told later.
+        let is_ours_soon = core.is_creating(full_name) || core.owns(full_name);
+        let Some((_, name)) = ours.filter(|_| !is_ours_soon) else { return };
         if let Some(own) = self.own.get(name).filter(|own| own.channel.is_none()) {
             log_failure(name, core.create(name, &own.properties));
         }

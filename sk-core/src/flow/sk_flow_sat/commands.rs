@@ -179,6 +179,13 @@ impl Handle<SkFlowSat> {
         id.ok().flatten().filter(|id| *id != 0)
     }
 
+    /// Whether the last link broke because who answered is no hub that can be talked to: its certificate is not
+    /// trusted, its HTTP server refuses the upgrade, or it speaks another protocol. [`lost`](SkFlowSat::lost) says
+    /// which; it is `false` where nobody answered.
+    pub fn is_unusable(self, cx: &mut Cx) -> bool {
+        cx.with(self, |satellite, _| satellite.is_unusable) == Ok(true)
+    }
+
     /// The same satellite for one module: its channels' names begin with the module's.
     pub fn flow(self, module: &str) -> Flow {
         Flow::new(self, module)

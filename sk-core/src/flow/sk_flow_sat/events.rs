@@ -29,6 +29,7 @@ fn tell(cx: &mut Cx, satellite: Handle<SkFlowSat>, event: SatelliteEvent) {
         SatelliteEvent::ChannelAdded(info) => cx.emit_own(satellite, |s| &s.channel_added, &info),
         SatelliteEvent::ChannelRemoved(info) => cx.emit_own(satellite, |s| &s.channel_removed, &info),
         SatelliteEvent::HeaderChanged { info, .. } => cx.emit_own(satellite, |s| &s.header_changed, &info),
+        SatelliteEvent::OwnerChanged(info) => cx.emit_own(satellite, |s| &s.owner_changed, &info),
         SatelliteEvent::Room(channel) => {
             if let Ok(Some(name)) = cx.with(satellite, |s, _| s.own_name_of(channel)) {
                 cx.emit_own(satellite, |s| &s.room, &name);

@@ -4,12 +4,15 @@ mod accounts;
 mod asking;
 mod blobs;
 mod channels;
+mod closing;
 mod commands;
 mod databases;
 mod events;
 mod message;
 mod services;
+mod side;
 mod sync;
+mod telling;
 mod udp;
 
 pub use blobs::{BlobProgress, FlowBlob, FlowDownload};
@@ -21,8 +24,7 @@ use super::satellite::{ChannelInfo, Credentials, SatelliteCore, SatelliteEvent, 
 use super::server::Session;
 #[cfg(feature = "tls")]
 use super::transport::TlsTrust;
-use super::transport::{Broken, Core, Destination, Link, PipeSeed, TURN_BYTES_MAX, Turn, dial};
-use super::wire::Slices;
+use super::transport::{Destination, Link, PipeSeed, TURN_BYTES_MAX, Turn, dial};
 use super::{ChannelRef, Encoded, HubAddress, Policy};
 use crate::eventloop::Timer;
 use crate::object::{Handle, ObjectId};
@@ -31,7 +33,7 @@ use crate::world::{Readiness, Token};
 use crate::{Cx, attach};
 use channels::{Own, own_name};
 use databases::clerk::Clerk;
-use sk_flat::Instant;
+use side::{Fault, Side, note_fault};
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 use std::time::Duration;
@@ -110,9 +112,13 @@ pub struct SkFlowSat {
     was_ready: bool,
     /// Why the hub said it ends this link.
     farewell: Option<String>,
+    /// What broke this link.
+    fault: Option<Fault>,
+    /// The last link broke because who answered is no hub that can be talked to.
+    is_unusable: bool,
     /// The hub let this satellite in; channels and subscriptions are being restored.
     pub ready: Signal<()>,
-    /// The hub is lost; carries why. It is looked for again, but for a hub in this very process, whose end is
+    /// The hub is lost, or could not be reached; carries why, as exactly as the transport knows it. It is looked for again, but for a hub in this very process, whose end is
     /// for good.
     pub lost: Signal<String>,
     /// Somebody began to listen to a channel of this satellite's; carries its own name.
@@ -127,6 +133,8 @@ pub struct SkFlowSat {
     pub channel_removed: Signal<ChannelInfo>,
     /// A channel says something else about itself, anybody's.
     pub header_changed: Signal<ChannelInfo>,
+    /// Another connection owns a channel, anybody's: its flow came back and took its own place again.
+    pub owner_changed: Signal<ChannelInfo>,
     /// After [`publish`](Handle#method.publish) answered `false` on a reliable channel, its slowest subscriber has
     /// caught up; carries the channel's own name.
     pub room: Signal<String>,
@@ -152,13 +160,14 @@ crate::object! {
             channel_added(&ChannelInfo)
             channel_removed(&ChannelInfo)
             header_changed(&ChannelInfo)
+            owner_changed(&ChannelInfo)
             room(String)
             refused(String)
             synced(bool)
             sync_report(TickReport)
             dropped(String, String, u64)
         }
-        slots { on_check() on_reconnect() on_call_deadline() on_source_tick() }
+        slots { on_check() on_second() on_reconnect() on_call_deadline() on_source_tick() }
         hooks { on_destroy }
     }
 }
@@ -171,47 +180,6 @@ enum Way {
     },
     /// Inside the process: if that breaks there is no hub any more.
     Pipe,
-}
-
-struct Side<'a> {
-    core: &'a mut SatelliteCore,
-    now: Instant,
-    waiting: &'a mut Option<Encoded>,
-}
-
-impl Core for Side<'_> {
-    fn wants_input(&self) -> bool {
-        true
-    }
-    fn bytes(&mut self, bytes: &[u8]) -> Result<(), Broken> {
-        self.core.receive(bytes, self.now).map_err(|error| broken(&error))
-    }
-    fn frame(&mut self, frame: Encoded) -> Result<(), Broken> {
-        self.core.accept(frame, self.now).map_err(|error| broken(&error))
-    }
-    fn has_output(&self) -> bool {
-        self.core.has_output()
-    }
-    fn slices(&mut self, parts_max: usize) -> Slices<'_> {
-        self.core.slices(parts_max)
-    }
-    fn wrote(&mut self, count: usize) {
-        self.core.wrote(count);
-    }
-    fn take(&mut self) -> Option<Encoded> {
-        self.core.take()
-    }
-    fn put_back(&mut self, frame: Encoded) {
-        *self.waiting = Some(frame);
-    }
-    fn put_back_first(&mut self) -> Option<Encoded> {
-        self.waiting.take()
-    }
-}
-
-fn broken(error: &super::ProtocolError) -> Broken {
-    tracing::error!("the hub sent what no hub sends: {error}");
-    Broken
 }
 
 impl SkFlowSat {
@@ -266,6 +234,7 @@ impl SkFlowSat {
             attach!(cx, call_timer.timeout => this.on_call_deadline);
             attach!(cx, reconnect.timeout => this.on_reconnect);
             attach!(cx, check.timeout => this.on_check);
+            attach!(cx, cx.one_sec_zone().pulse => this.on_second);
             // The timer was made just now and is no more gone than this object.
             let _ = check.start(cx, CHECK_EVERY);
             SkFlowSat {
@@ -297,6 +266,8 @@ impl SkFlowSat {
                 losses: 0,
                 was_ready: false,
                 farewell: None,
+                fault: None,
+                is_unusable: false,
                 ready: Signal::new(),
                 lost: Signal::new(),
                 start_publishing: Signal::new(),
@@ -305,6 +276,7 @@ impl SkFlowSat {
                 channel_added: Signal::new(),
                 channel_removed: Signal::new(),
                 header_changed: Signal::new(),
+                owner_changed: Signal::new(),
                 room: Signal::new(),
                 refused: Signal::new(),
                 synced: Signal::new(),
@@ -381,7 +353,9 @@ impl SkFlowSat {
             self.reconnect_after = (self.reconnect_after * 2).min(RECONNECT_MAX);
         }
         self.was_ready = false;
-        let why = self.farewell.take().unwrap_or(why);
+        let fault = self.fault.take();
+        self.is_unusable = fault.as_ref().is_some_and(|fault| fault.is_unusable);
+        let why = self.farewell.take().or(fault.map(|fault| fault.why)).unwrap_or(why);
         match self.way {
             Way::Address { .. } => tracing::debug!("the hub is lost: {why}"),
             // There is no way back.
@@ -448,7 +422,9 @@ impl SkFlowSat {
         self.send_datagrams(cx);
         let now = cx.now();
         let (Some(core), Some(mut link)) = (&mut self.core, self.link.take()) else { return };
-        let turn = link.write(cx, &mut Side { core, now, waiting: &mut self.waiting });
+        let fault = &mut self.fault;
+        let turn = link.write(cx, &mut Side { core, now, waiting: &mut self.waiting, fault });
+        note_fault(fault, &mut *link);
         self.link = Some(link);
         match turn {
             Turn::Over => self.break_link(cx, "the connection broke".to_owned()),
@@ -470,7 +446,13 @@ impl SkFlowSat {
             self.break_link(cx, error.to_string());
             return Turn::Done;
         }
-        let mut side = Side { core, now, waiting: &mut self.waiting };
+        if !core.has_greeted()
+            && let Some(binding) = link.channel_binding()
+        {
+            core.bind(binding);
+        }
+        let fault = &mut self.fault;
+        let mut side = Side { core, now, waiting: &mut self.waiting, fault };
         let wrote = if link.may_write(readiness) { link.write(cx, &mut side) } else { Turn::Done };
         // Read in any case: a hub that takes nothing any more may have said why.
         let read = readiness.readable || wrote == Turn::Over;
@@ -478,6 +460,7 @@ impl SkFlowSat {
         if wrote == Turn::Over && turn == Turn::Done {
             turn = Turn::Over;
         }
+        note_fault(&mut self.fault, &mut *link);
         self.link = Some(link);
         if wrote == Turn::More {
             self.flush_later(cx);
@@ -512,6 +495,7 @@ impl SkFlowSat {
                 self.created(cx, *tag, *channel, name);
                 self.service_created(own_name(name), *channel);
                 self.sync_created(own_name(name), *channel);
+                self.remove_unwanted(cx, own_name(name), *channel);
             }
             SatelliteEvent::ChannelAdded(info) => {
                 self.heard.insert(info.channel, Rc::new(info.clone()));
@@ -522,7 +506,7 @@ impl SkFlowSat {
                 self.heard.remove(&info.channel);
                 self.name_is_free(cx, &info.name);
             }
-            SatelliteEvent::HeaderChanged { info, .. } => {
+            SatelliteEvent::HeaderChanged { info, .. } | SatelliteEvent::OwnerChanged(info) => {
                 self.heard.insert(info.channel, Rc::new(info.clone()));
             }
             // Before it is ready nothing else can be refused than to become a flow.

@@ -1,6 +1,7 @@
 //! The source of ticks for others, and a loop that follows another's.
 
 use super::SkFlowSat;
+use super::closing::remove_or_give_up;
 use crate::eventloop::TimingMode;
 use crate::flow::ChannelRef;
 use crate::flow::satellite::{Divisor, SatelliteCore, SatelliteError, SatelliteEvent, TickReport};
@@ -21,6 +22,10 @@ pub(super) struct Sync {
 }
 
 impl Sync {
+    pub(super) fn is_source(&self, name: &str) -> bool {
+        self.source.as_ref().is_some_and(|source| source.name == name)
+    }
+
     /// Asks for the sync channel of this name, if it is wanted and not there.
     pub(super) fn open_if_missing(&self, core: &mut SatelliteCore, name: &str) {
         if let Some(source) = &self.source
@@ -85,13 +90,13 @@ impl SkFlowSat {
         self.flush_later(cx);
     }
 
-    fn end_source(&mut self, cx: &mut Cx) {
+    pub(super) fn end_source(&mut self, cx: &mut Cx) {
         let Some(source) = self.sync.source.take() else { return };
         let this = cx.this(self);
         detach!(cx, cx.fast_zone().pulse => this.on_source_tick);
-        if let (Some(channel), Some(core)) = (source.channel, &mut self.core) {
+        if let Some(core) = &mut self.core {
             // Refused where there is no room to say so: then the link is about to break anyway.
-            let _ = core.remove(channel);
+            let _ = remove_or_give_up(core, &source.name, source.channel);
         }
         self.flush_later(cx);
     }

@@ -88,7 +88,7 @@ impl SkFlowServer {
     /// The server ends: what it promised to write is handed to the worker, which does it before the process ends.
     pub(super) fn store_the_rest(&mut self, cx: &mut Cx) {
         let Some(keeper) = &mut self.keeper else { return };
-        locked(&keeper.shared.requests).extend(std::iter::from_fn(|| self.core.next_store_request()));
+        locked(&keeper.shared.requests).extend(self.core.last_store_requests());
         let job = keeper.stalled.take().unwrap_or_else(|| job(keeper.shared.clone(), None));
         if let Err(job) = cx.world().worker.run(job) {
             // It is the end, and nobody else will do it.

@@ -11,9 +11,9 @@ use super::transport::{Broken, Core, Link, PipeEnd, PipeSeed, StreamLink, TURN_B
 use super::wire::Slices;
 use super::{Encoded, Rights};
 use crate::eventloop::Timer;
-use crate::net::Door;
 #[cfg(feature = "http")]
 use crate::net::http::HttpServer;
+use crate::net::{Door, Shortage};
 use crate::object::{Access, Handle, ObjectId};
 use crate::signal::Signal;
 use crate::testing::{Bug, is_planted};
@@ -71,7 +71,7 @@ pub struct SkFlowServer {
     /// What the hub serves itself.
     services: services::Services,
     ending: Option<Ending>,
-    out_of_descriptors: bool,
+    shortage: Shortage,
     flush_asked: bool,
     work_token: Token,
     room: Vec<u8>,
@@ -171,7 +171,7 @@ impl SkFlowServer {
                 flushing: Vec::new(),
                 services: services::Services::new(request_timer),
                 ending: None,
-                out_of_descriptors: false,
+                shortage: Shortage::default(),
                 flush_asked: false,
                 work_token: cx.add_source(this.id(), work),
                 room: vec![0; TURN_BYTES_MAX],
@@ -237,7 +237,7 @@ impl SkFlowServer {
 
     /// Out of descriptors: the waiting connection is not reported again, and asking at once would spin.
     fn pause_accepting(&mut self, cx: &mut Cx, at: Token, error: &io::Error) {
-        if !std::mem::replace(&mut self.out_of_descriptors, true) {
+        if self.shortage.is_news(cx.now()) {
             tracing::error!("connections cannot be taken in for now: {error}");
         }
         cx.offer_source_after(at, ACCEPT_AGAIN_AFTER);
@@ -245,7 +245,6 @@ impl SkFlowServer {
 
     /// Takes a connection in whose time for the login began at `opened`.
     fn take_in(&mut self, cx: &mut Cx, token: Token, stream: Box<dyn Stream>, opened: Instant) {
-        self.out_of_descriptors = false;
         let origin = match (stream.peer_uid(), stream.peer()) {
             (Some(uid), _) => Origin::Unix { uid },
             (None, Some(Endpoint::Ip(at))) => Origin::Network(at.ip()),
@@ -290,6 +289,11 @@ impl SkFlowServer {
         let Some(served) = self.links.get_mut(&token) else { return false };
         let id = served.connection;
         let Some(mut link) = served.link.take() else { return false };
+        if self.core.is_unbound(id)
+            && let Some(binding) = link.channel_binding()
+        {
+            self.core.bind(id, binding);
+        }
         let mut side = Side { core: &mut self.core, id, now, waiting: &mut served.waiting };
         let wrote = if link.may_write(readiness) { link.write(cx, &mut side) } else { Turn::Done };
         // Read in any case: a peer that takes nothing any more may have left its last words.
@@ -524,6 +528,14 @@ impl Handle<SkFlowServer> {
         });
         opened.map_err(io::Error::other)?.map_err(io::Error::other)?;
         Ok(far)
+    }
+
+    /// As [`ServerCore::require_channel_binding`].
+    ///
+    /// # Errors
+    /// If the server is gone, or one of its slots is running.
+    pub fn require_channel_binding(self, cx: &mut Cx, required: bool) -> Result<(), Access> {
+        cx.with(self, |server, _| server.core.require_channel_binding(required))
     }
 
     /// As [`ServerCore::narrow_channel_ids`].

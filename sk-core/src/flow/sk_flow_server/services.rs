@@ -164,9 +164,9 @@ impl Handle<SkFlowServer> {
             .map_err(|code| io::Error::other(code.to_string()))
     }
 
-    /// Whether the connection of this id, such as that of a request's [asker](Request::asker), has a right: for
-    /// services of the hub's own that not everybody who may call is to use.
-    pub fn may(self, cx: &mut Cx, connection: u64, right: Right) -> bool {
-        cx.with(self, |server, _| server.core.has_right(connection, right)) == Ok(true)
+    /// Whether the connection of this id, such as that of a request's [asker](Request::asker), has a right for this
+    /// name: for services of the hub's own that not everybody who may call is to use for everything.
+    pub fn may(self, cx: &mut Cx, connection: u64, right: Right, name: &str) -> bool {
+        cx.with(self, |server, _| server.core.has_right(connection, right, name)) == Ok(true)
     }
 }

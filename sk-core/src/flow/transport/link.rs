@@ -2,6 +2,7 @@
 
 use crate::Cx;
 use crate::flow::Encoded;
+use crate::flow::login::Binding;
 use crate::flow::wire::Slices;
 use crate::world::Readiness;
 use std::io;
@@ -61,6 +62,17 @@ pub(crate) trait Link {
 
     /// Writes what there is. `More`: the peer would take more than one round's share.
     fn write(&mut self, cx: &mut Cx, core: &mut dyn Core) -> Turn;
+
+    /// As [`Stream::channel_binding`](crate::world::Stream::channel_binding).
+    fn channel_binding(&self) -> Option<Binding> {
+        None
+    }
+
+    /// Why the link is over, if it is by a fault: `InvalidData` says that the other end answered, and cannot be
+    /// talked to.
+    fn fault(&mut self) -> Option<io::Error> {
+        None
+    }
 
     /// The end: nothing more will be written.
     fn close(self: Box<Self>, cx: &mut Cx);

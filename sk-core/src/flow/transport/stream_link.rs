@@ -2,6 +2,7 @@
 
 use super::link::{Core, Link, TURN_BYTES_MAX, Turn};
 use crate::Cx;
+use crate::flow::login::Binding;
 use crate::flow::wire::WRITE_PARTS_MAX;
 use crate::world::{Readiness, Stream};
 use std::io::{self, ErrorKind};
@@ -12,11 +13,14 @@ const WRITES_PER_ROUND_MAX: usize = 16;
 const FRUITLESS_READ_COST: usize = 1024;
 
 /// A byte stream as a link.
-pub(crate) struct StreamLink(Box<dyn Stream>);
+pub(crate) struct StreamLink {
+    stream: Box<dyn Stream>,
+    fault: Option<io::Error>,
+}
 
 impl StreamLink {
     pub(crate) fn new(stream: Box<dyn Stream>) -> StreamLink {
-        StreamLink(stream)
+        StreamLink { stream, fault: None }
     }
 
     fn fill(&mut self, core: &mut dyn Core, room: &mut [u8]) -> Turn {
@@ -26,7 +30,7 @@ impl StreamLink {
                 return Turn::Held;
             }
             let most = room.len().min(TURN_BYTES_MAX - taken);
-            match self.0.read(&mut room[..most]) {
+            match self.stream.read(&mut room[..most]) {
                 Ok(0) => return Turn::Over,
                 Ok(count) => {
                     taken += count;
@@ -38,11 +42,17 @@ impl StreamLink {
                 Err(error) if error.kind() == ErrorKind::Interrupted => taken += FRUITLESS_READ_COST,
                 Err(error) => {
                     tracing::debug!("a connection broke: {error}");
-                    return Turn::Over;
+                    return self.break_by(error);
                 }
             }
         }
         Turn::More
+    }
+
+    /// What a layer said first is told: what comes after it is a consequence.
+    fn break_by(&mut self, error: io::Error) -> Turn {
+        self.fault.get_or_insert(error);
+        Turn::Over
     }
 }
 
@@ -52,14 +62,14 @@ impl Link for StreamLink {
     }
 
     fn connected(&mut self) -> io::Result<bool> {
-        self.0.connected()
+        self.stream.connected()
     }
 
     fn read(&mut self, _cx: &mut Cx, core: &mut dyn Core, room: &mut [u8]) -> Turn {
         let turn = self.fill(core, room);
         // What came may have made a layer answer by itself.
-        match self.0.flush() {
-            Err(error) if would_wait(&error) == Some(Turn::Over) => Turn::Over,
+        match self.stream.flush() {
+            Err(error) if would_wait(&error) == Some(Turn::Over) => self.break_by(error),
             _ => turn,
         }
     }
@@ -67,8 +77,9 @@ impl Link for StreamLink {
     fn write(&mut self, _cx: &mut Cx, core: &mut dyn Core) -> Turn {
         for _ in 0..WRITES_PER_ROUND_MAX {
             // What a layer holds back goes first.
-            if let Err(error) = self.0.flush() {
+            if let Err(error) = self.stream.flush() {
                 match would_wait(&error) {
+                    Some(Turn::Over) => return self.break_by(error),
                     Some(turn) => return turn,
                     None => continue,
                 }
@@ -80,12 +91,13 @@ impl Link for StreamLink {
             if slices.is_empty() {
                 return Turn::Done;
             }
-            match self.0.write_vectored(&slices) {
+            match self.stream.write_vectored(&slices) {
                 Ok(count) => {
                     drop(slices);
                     core.wrote(count);
                 }
                 Err(error) => match would_wait(&error) {
+                    Some(Turn::Over) => return self.break_by(error),
                     Some(turn) => return turn,
                     None => continue,
                 },
@@ -94,9 +106,17 @@ impl Link for StreamLink {
         Turn::More
     }
 
+    fn channel_binding(&self) -> Option<Binding> {
+        self.stream.channel_binding()
+    }
+
+    fn fault(&mut self) -> Option<io::Error> {
+        self.fault.take()
+    }
+
     fn close(mut self: Box<Self>, _cx: &mut Cx) {
         // The peer may be gone already: closing cannot fail in a way that matters.
-        drop(self.0.shutdown_write());
+        drop(self.stream.shutdown_write());
     }
 }
 

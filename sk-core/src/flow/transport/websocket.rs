@@ -24,6 +24,8 @@ const MESSAGE_BYTES_MAX: usize = 128 * 1024;
 const SENT_BYTES_MAX: usize = 32 * 1024;
 /// What may wait for the stream: a message and answers to pings.
 const WAITING_BYTES_MAX: usize = 2 * SENT_BYTES_MAX;
+/// How many characters of what a server says beside its refusal are shown.
+const WORDS_SHOWN_MAX: usize = 200;
 /// What a connection keeps for reading, also when it is idle.
 const READ_BUFFER_BYTES: usize = 8 * 1024;
 
@@ -224,7 +226,8 @@ fn check_answer(bytes: &[u8], key: &str) -> io::Result<Option<usize>> {
     };
     if head.code != Some(101) {
         let (code, reason) = (head.code.unwrap_or_default(), head.reason.unwrap_or_default());
-        return Err(refused(format!("the HTTP server there refuses the upgrade: {code} {reason}")));
+        let words = words_of(&bytes[length..]);
+        return Err(refused(format!("the HTTP server there refuses the upgrade: {code} {reason}{words}")));
     }
     let field = |name: &str| {
         let found = head.headers.iter().find(|field| field.name.eq_ignore_ascii_case(name));
@@ -237,6 +240,19 @@ fn check_answer(bytes: &[u8], key: &str) -> io::Result<Option<usize>> {
         return Err(refused("the HTTP server there agrees to another upgrade than was asked".into()));
     }
     Ok(Some(length))
+}
+
+/// What a server says beside its refusal, as far as it came with it: one line of it, without what would upset
+/// a terminal.
+fn words_of(body: &[u8]) -> String {
+    let text = String::from_utf8_lossy(body);
+    let line = text.lines().next().unwrap_or_default();
+    let shown: String = line
+        .chars()
+        .filter(|character| !character.is_control())
+        .take(WORDS_SHOWN_MAX)
+        .collect();
+    if shown.trim().is_empty() { String::new() } else { format!(": {}", shown.trim()) }
 }
 
 /// What an error of the layer is to a user of the stream.
@@ -328,5 +344,9 @@ impl Stream for WebSocketStream {
 
     fn peer_uid(&self) -> Option<u32> {
         None
+    }
+
+    fn channel_binding(&self) -> Option<[u8; 32]> {
+        self.stream()?.channel_binding()
     }
 }

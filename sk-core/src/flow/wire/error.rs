@@ -122,7 +122,7 @@ codes! {
     RefusalCode {
         /// The account has no right to do this.
         Denied = 1,
-        /// A channel of this name exists.
+        /// There is one already: a channel, a flow or a database of this name, or a watch with this tag.
         Exists = 2,
         /// There is no channel with this identifier and epoch.
         Gone = 3,
@@ -216,7 +216,8 @@ codes! {
         LoginFailed = 4,
         /// Control frames waited beyond their limit: the peer reads too slowly.
         ControlFull = 5,
-        /// Too many connections wait for their login, and this one was the oldest of the busiest address.
+        /// Too many connections wait for their login, and this one was the oldest of the busiest address; or the
+        /// account has as many connections as it may.
         Crowded = 6,
         /// A new connection took the place of this one.
         Replaced = 7,

@@ -1,6 +1,7 @@
 //! Messages in pieces: cutting one into fragments, and gathering fragments of many channels at once.
 
 use super::super::limits::{ITEM_OVERHEAD_BYTES, SHARED_PAYLOAD_BYTES_MIN, UNFINISHED_BYTES_MAX};
+use super::budget::{Budget, Charge};
 use super::codec::ChannelRef;
 use super::error::ProtocolError;
 use super::frame::Flags;
@@ -54,25 +55,34 @@ pub enum Gathered {
 
 /// The unfinished messages of one connection, at most one for each key: a channel, or the tag of a call.
 ///
-/// Small pieces are copied out of the receive buffer, so that what is charged is what is held.
+/// Small pieces are copied out of the receive buffer, so that what is charged is what is held. It is charged to a
+/// budget that others may share.
 #[derive(Debug)]
 pub struct Gathering<K = ChannelRef> {
     unfinished: FxHashMap<K, Unfinished>,
     bytes: usize,
+    shared: Budget,
 }
 
 #[derive(Debug)]
 struct Unfinished {
     message: u32,
     length: usize,
-    charged: usize,
+    charged: Charge,
     /// `None` once the message was given up.
     pieces: Option<Pieces>,
 }
 
 impl<K> Default for Gathering<K> {
     fn default() -> Self {
-        Gathering { unfinished: FxHashMap::default(), bytes: 0 }
+        Gathering::charged_to(Budget::default())
+    }
+}
+
+impl<K> Gathering<K> {
+    /// One whose bytes count into a budget with those of others.
+    pub fn charged_to(shared: Budget) -> Gathering<K> {
+        Gathering { unfinished: FxHashMap::default(), bytes: 0, shared }
     }
 }
 
@@ -113,7 +123,8 @@ impl<K: Copy + Eq + std::hash::Hash> Gathering<K> {
                     Ok(Gathered::Whole(smallvec![payload]))
                 };
             }
-            let begun = Unfinished { message, length: 0, charged: 0, pieces: Some(Pieces::new()) };
+            let charged = self.shared.charge(0);
+            let begun = Unfinished { message, length: 0, charged, pieces: Some(Pieces::new()) };
             self.unfinished.insert(channel, begun);
         }
         self.continue_message(channel, message, flags, payload, bytes_max)
@@ -138,14 +149,15 @@ impl<K: Copy + Eq + std::hash::Hash> Gathering<K> {
         let mut outcome = Gathered::More;
         match &mut found.pieces {
             None => outcome = Gathered::Ignored,
-            Some(_) if self.bytes + charge > UNFINISHED_BYTES_MAX => {
-                self.bytes -= std::mem::take(&mut found.charged);
+            Some(_) if self.bytes + charge > UNFINISHED_BYTES_MAX || !self.shared.has_room_for(charge) => {
+                self.bytes -= found.charged.bytes();
+                found.charged = self.shared.charge(0);
                 found.pieces = None;
                 outcome = Gathered::Overfull;
             }
             Some(pieces) => {
                 self.bytes += charge;
-                found.charged += charge;
+                found.charged.add(charge);
                 let start = usize::from(is_planted(Bug::ByteLost) && payload.len() > 1);
                 pieces.push(owned_if_small(payload.slice(start..)));
             }
@@ -153,7 +165,7 @@ impl<K: Copy + Eq + std::hash::Hash> Gathering<K> {
         if flags.has(Flags::LAST)
             && let Some(ended) = self.unfinished.remove(&channel)
         {
-            self.bytes -= ended.charged;
+            self.bytes -= ended.charged.bytes();
             if let Some(pieces) = ended.pieces {
                 return Ok(Gathered::Whole(pieces));
             }
@@ -164,9 +176,27 @@ impl<K: Copy + Eq + std::hash::Hash> Gathering<K> {
     /// Forgets what is unfinished on a channel; says whether a message was held.
     pub fn forget(&mut self, channel: K) -> bool {
         self.unfinished.remove(&channel).is_some_and(|ended| {
-            self.bytes -= ended.charged;
+            self.bytes -= ended.charged.bytes();
             ended.pieces.is_some()
         })
+    }
+
+    /// Gives up every message that is unfinished: nothing is held any more, and what still comes of them is ignored.
+    /// Answers where they were to go, in their order.
+    pub fn give_up(&mut self) -> Vec<K>
+    where
+        K: Ord,
+    {
+        let mut given_up = Vec::new();
+        for (key, unfinished) in &mut self.unfinished {
+            if unfinished.pieces.take().is_some() {
+                self.bytes -= unfinished.charged.bytes();
+                unfinished.charged = self.shared.charge(0);
+                given_up.push(*key);
+            }
+        }
+        given_up.sort_unstable();
+        given_up
     }
 
     /// What is held and charged.
@@ -252,6 +282,20 @@ mod tests {
         assert_eq!(all.take(refused, 1, Flags::LAST, piece.clone(), usize::MAX), Ok(Gathered::Ignored));
         assert!(all.forget(A), "room again");
         assert_eq!(all.take(refused, 2, Flags::FIRST, piece, usize::MAX), Ok(Gathered::More));
+    }
+
+    #[test]
+    fn what_is_given_up_is_held_no_more_and_the_rest_of_it_ignored() {
+        let budget = Budget::default();
+        let mut all = Gathering::charged_to(budget.clone());
+        for channel in [B, A] {
+            assert_eq!(all.take(channel, 1, Flags::FIRST, bytes("one"), 99), Ok(Gathered::More));
+        }
+        assert_eq!((all.bytes(), budget.used()), (budget.used(), 2 * (3 + ITEM_OVERHEAD_BYTES)));
+        assert_eq!(all.give_up(), [A, B]);
+        assert_eq!((all.give_up(), all.bytes(), budget.used()), (vec![], 0, 0));
+        assert_eq!(all.take(A, 1, Flags::LAST, bytes("!"), 99), Ok(Gathered::Ignored));
+        assert_eq!(all.take(A, 2, Flags::WHOLE, bytes("?"), 99), Ok(Gathered::Whole(smallvec![bytes("?")])));
     }
 
     #[test]

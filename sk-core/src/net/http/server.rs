@@ -8,7 +8,7 @@ use super::site::Upgrade;
 use super::site::{HttpSettings, Page, Reply, Site};
 use super::site::{TakeUpgraded, Upgraded};
 use crate::eventloop::Timer;
-use crate::net::{Door, Wrap};
+use crate::net::{Door, Shortage, Wrap};
 use crate::object::{Access, Handle, ObjectId};
 use crate::world::{Endpoint, Readiness, Stream, Token};
 use crate::{Cx, attach};
@@ -52,7 +52,7 @@ pub struct HttpServer {
     site: Site,
     check: Handle<Timer>,
     room: Vec<u8>,
-    out_of_descriptors: bool,
+    shortage: Shortage,
 }
 
 struct Served {
@@ -87,7 +87,7 @@ impl HttpServer {
                 site: Site { settings, ..Site::default() },
                 check,
                 room: vec![0; super::HEAD_BYTES_MAX],
-                out_of_descriptors: false,
+                shortage: Shortage::default(),
             }
         })
     }
@@ -106,7 +106,7 @@ impl HttpServer {
                         // The peer has gone again between its arrival and now.
                         ErrorKind::ConnectionAborted | ErrorKind::Interrupted => {}
                         _ => {
-                            if !std::mem::replace(&mut self.out_of_descriptors, true) {
+                            if self.shortage.is_news(cx.now()) {
                                 tracing::error!("HTTP connections cannot be taken in for now: {error}");
                             }
                             cx.offer_source_after(at, ACCEPT_AGAIN_AFTER);
@@ -120,7 +120,6 @@ impl HttpServer {
     }
 
     fn take_in(&mut self, cx: &mut Cx, token: Token, stream: Box<dyn Stream>) {
-        self.out_of_descriptors = false;
         if self.served.len() >= CONNECTIONS_MAX {
             let quietest = self
                 .served

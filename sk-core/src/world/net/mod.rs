@@ -10,6 +10,7 @@ mod real_socket;
 mod real_token;
 mod real_tty;
 mod real_waker;
+mod reserve;
 mod sim_socket;
 mod simulated;
 mod socket_file;
@@ -132,8 +133,8 @@ pub trait Listener {
     /// The next waiting stream, to be reported with `token`; `WouldBlock` if there is none.
     ///
     /// # Errors
-    /// EMFILE and ENFILE when there is no descriptor for it. The stream then goes on waiting and is not
-    /// reported again: who gets such an error has to try again later by himself.
+    /// EMFILE and ENFILE when there is no descriptor for it but those that are left free for others. Streams may
+    /// go on waiting then, and are not reported again: who gets such an error has to try again later by himself.
     fn accept(&mut self, token: Token) -> io::Result<Box<dyn Stream>>;
 }
 
@@ -165,6 +166,12 @@ pub trait Stream {
 
     /// The user id of the process at the other end of a Unix socket (SO_PEERCRED); `None` for TCP.
     fn peer_uid(&self) -> Option<u32>;
+
+    /// What both ends of a layer with keys of its own know and nobody between them, once they have agreed: with it
+    /// a login is bound to this very connection. `None` where there is no such layer.
+    fn channel_binding(&self) -> Option<[u8; 32]> {
+        None
+    }
 }
 
 /// A datagram socket that never blocks.

@@ -1,6 +1,7 @@
 //! Real listeners, streams and datagram sockets.
 
 use super::real_token::poll_token;
+use super::reserve::{Guests, Reserve, exhausted};
 use super::socket_file::SocketFile;
 use super::{Datagram, Endpoint, Listener, Stream, Token};
 use crate::sys::unix;
@@ -9,6 +10,7 @@ use mio::net::{TcpListener, TcpStream, UdpSocket, UnixListener, UnixStream};
 use mio::{Interest, Registry};
 use std::io::{self, Read, Write};
 use std::net::{Shutdown, SocketAddr};
+use std::os::fd::{AsRawFd, RawFd};
 use std::rc::Rc;
 
 /// Passes the registration on to the socket inside, whichever it is.
@@ -41,31 +43,34 @@ enum ListenerSocket {
 pub(super) struct RealListener {
     socket: ListenerSocket,
     registry: Rc<Registry>,
+    reserve: Reserve,
 }
 
 impl RealListener {
     pub(super) fn tcp(at: SocketAddr, registry: Rc<Registry>) -> io::Result<RealListener> {
         let listener = TcpListener::bind(at)?;
         let local = listener.local_addr()?;
-        Ok(RealListener { socket: ListenerSocket::Tcp(listener, local), registry })
+        let (socket, reserve) = (ListenerSocket::Tcp(listener, local), Reserve::new(Guests::Network));
+        Ok(RealListener { socket, registry, reserve })
     }
 
     pub(super) fn unix(listener: UnixListener, file: SocketFile, registry: Rc<Registry>) -> RealListener {
-        RealListener { socket: ListenerSocket::Unix(listener, file), registry }
+        let (socket, reserve) = (ListenerSocket::Unix(listener, file), Reserve::new(Guests::SameUser));
+        RealListener { socket, registry, reserve }
     }
+}
 
-    fn next(&self) -> io::Result<RealStream> {
-        match &self.socket {
-            ListenerSocket::Tcp(listener, _) => {
-                let (stream, from) = listener.accept()?;
-                stream.set_nodelay(true)?;
-                Ok(RealStream::accepted(StreamSocket::Tcp(stream), Some(Endpoint::Ip(from))))
-            }
-            ListenerSocket::Unix(listener, _) => {
-                let (stream, from) = listener.accept()?;
-                let peer = from.as_pathname().map(|path| Endpoint::Unix(path.to_owned()));
-                Ok(RealStream::accepted(StreamSocket::Unix(stream), peer))
-            }
+fn next(socket: &ListenerSocket) -> io::Result<RealStream> {
+    match socket {
+        ListenerSocket::Tcp(listener, _) => {
+            let (stream, from) = listener.accept()?;
+            stream.set_nodelay(true)?;
+            Ok(RealStream::accepted(StreamSocket::Tcp(stream), Some(Endpoint::Ip(from))))
+        }
+        ListenerSocket::Unix(listener, _) => {
+            let (stream, from) = listener.accept()?;
+            let peer = from.as_pathname().map(|path| Endpoint::Unix(path.to_owned()));
+            Ok(RealStream::accepted(StreamSocket::Unix(stream), peer))
         }
     }
 }
@@ -81,7 +86,8 @@ impl Listener for RealListener {
     fn accept(&mut self, token: Token) -> io::Result<Box<dyn Stream>> {
         let token = poll_token(token)?;
         loop {
-            match self.next() {
+            match next(&self.socket) {
+                Ok(stream) if self.reserve.is_touched_by(stream.descriptor()) => return Err(exhausted()),
                 Ok(mut stream) => {
                     self.registry
                         .register(&mut stream, token, Interest::READABLE | Interest::WRITABLE)?;
@@ -90,7 +96,11 @@ impl Listener for RealListener {
                 // The peer gave up while it waited: nobody is there to be accepted, the next may be.
                 Err(error) if error.kind() == io::ErrorKind::ConnectionAborted => {}
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-                Err(error) => return Err(error),
+                Err(error) => {
+                    let Self { socket, reserve, .. } = self;
+                    reserve.turn_away(&error, || next(socket));
+                    return Err(error);
+                }
             }
         }
     }
@@ -130,6 +140,13 @@ impl RealStream {
             Endpoint::Tty { .. } => return Err(io::ErrorKind::Unsupported.into()),
         };
         Ok(RealStream { socket, progress: Progress::UnderWay, peer: Some(to.clone()) })
+    }
+
+    fn descriptor(&self) -> RawFd {
+        match &self.socket {
+            StreamSocket::Tcp(socket) => socket.as_raw_fd(),
+            StreamSocket::Unix(socket) => socket.as_raw_fd(),
+        }
     }
 
     fn accepted(socket: StreamSocket, peer: Option<Endpoint>) -> RealStream {

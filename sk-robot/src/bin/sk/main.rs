@@ -2,38 +2,28 @@
 #![forbid(unsafe_code)]
 
 mod arguments;
-mod blob;
-mod call;
-mod database;
-mod doctor;
-mod echo;
-mod graph;
-mod hz;
-mod info;
-mod ls;
-mod machine;
-mod module;
-mod module_new;
+mod command_line;
+mod commands;
 mod names;
 mod output;
 mod password;
-mod publish;
 mod session;
 mod table;
-mod user;
-mod why;
 
-use arguments::{Arguments, Completions, Task};
 use clap::{CommandFactory, Parser};
+use command_line::{CommandLine, Task};
+use commands::{
+    blob, call, completions, database, doctor, echo, graph, hz, info, ls, module, publish, user, why,
+};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    let arguments = Arguments::parse();
+    let CommandLine { arguments, task } = CommandLine::parse();
     if let Err(error) = sk_robot::logging::to_stderr(&arguments.log) {
         eprintln!("sk: --log {:?}: {error}", arguments.log);
         return ExitCode::from(2);
     }
-    let outcome = match &arguments.task {
+    let outcome = match &task {
         Task::Ls(task) => ls::run(&arguments, task),
         Task::Info(task) => info::run(&arguments, task),
         Task::Graph(task) => graph::run(&arguments, task),
@@ -47,7 +37,7 @@ fn main() -> ExitCode {
         Task::Module(task) => module::run(&arguments, task),
         Task::Why(task) => why::run(&arguments, task),
         Task::Doctor => doctor::run(&arguments),
-        Task::Completions(task) => completions(task),
+        Task::Completions(task) => completions::run(task, CommandLine::command()),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
@@ -56,10 +46,4 @@ fn main() -> ExitCode {
             ExitCode::FAILURE
         }
     }
-}
-
-fn completions(task: &Completions) -> Result<(), String> {
-    let mut text = Vec::new();
-    clap_complete::generate(task.shell, &mut Arguments::command(), "sk", &mut text);
-    output::write(&text).map(|_| ())
 }

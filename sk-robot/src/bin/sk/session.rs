@@ -17,6 +17,7 @@ const INTERVAL: Duration = Duration::from_millis(50);
 /// Watches over the link of a visit and keeps how it ended.
 pub struct Session {
     address: HubAddress,
+    hub: Handle<SkFlowSat>,
     deadline: Handle<Timer>,
     refusal: Option<String>,
     answered: bool,
@@ -45,6 +46,9 @@ impl Session {
         let failure = match (&self.refusal, self.answered) {
             (Some(refusal), _) => format!("the hub at {address} refused: {refusal}"),
             (None, true) => format!("the hub at {address} is gone: {why}"),
+            (None, false) if self.hub.is_unusable(cx) => {
+                format!("the hub at {address} cannot be used: {why}")
+            }
             (None, false) => format!("no hub answers at {address} ({why}): is skrobot running?"),
         };
         self.fail(cx, failure);
@@ -191,6 +195,7 @@ impl Visit {
             let _ = deadline.start_once(cx, ANSWER_WITHIN);
             Session {
                 address,
+                hub,
                 deadline,
                 refusal: None,
                 answered: false,

@@ -31,7 +31,8 @@ pub struct Arguments {
     #[arg(long, env = "SKROBOT_TCP", value_name = "ADDRESS", value_parser = tcp)]
     pub tcp: Option<Tcp>,
     /// One more address to listen at, of any kind: ws:HOST:PORT/flow, tls:HOST:PORT, wss:HOST:PORT/flow,
-    /// tty:DEVICE?baud=115200, tcp:HOST:PORT, unix:PATH; can be given several times
+    /// tty:DEVICE?baud=115200, tcp:HOST:PORT, unix:PATH, udp:HOST:PORT for
+    /// publishing by datagrams; can be given several times
     #[arg(long, value_name = "ADDRESS")]
     pub listen: Vec<HubAddress>,
     /// The PEM files of the certificate that is shown at tls: and wss: addresses, and of its key

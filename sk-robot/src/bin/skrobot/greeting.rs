@@ -33,6 +33,7 @@ pub fn greeting(cx: &mut Cx, keeper: Handle<Keeper>) -> Result<String, Access> {
     for address in &addresses {
         let how = match address {
             HubAddress::Unix(_) => "programs of this user come in as they are".to_owned(),
+            HubAddress::Udp(_) => "for what satellites publish by datagrams".to_owned(),
             _ => format!("with the token in {}", token.display()),
         };
         let _ = writeln!(text, "  listens on  {address}  ({how})");

@@ -15,7 +15,7 @@ use sk_core::world::World;
 use sk_robot::notify::ServiceManager;
 use sk_robot::places::Places;
 use sk_robot::supervise::{self, EXIT_MISTOLD, EXIT_REFUSED};
-use sk_robot::{Hub, HubBuilder, logging, registry};
+use sk_robot::{FREED_BYTES_KEPT, Hub, HubBuilder, logging, registry};
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -75,7 +75,7 @@ fn run(arguments: Arguments) -> Result<u8, Refusal> {
     logging::to_stderr(&config.hub.log)
         .map_err(|error| Refusal::Mistold(format!("log {:?}: {error}", config.hub.log)))?;
     let restarts = supervise::tie_to_supervisor().unwrap_or(0);
-    let app = SkApp::builder().name("hub").world(world);
+    let app = SkApp::builder().name("hub").world(world).keep_freed_memory(FREED_BYTES_KEPT);
     let mut app = app
         .configure(|settings| config.event_loop.apply(settings))
         .build()

@@ -1,13 +1,15 @@
 //! The client's half of a login by password.
 
-use super::super::{Nonce, Proof};
+use super::super::{Binding, Nonce, Proof};
 use super::keys::{ClientKeys, Password, SALT_BYTES};
-use super::message::{ClientFinal, ClientFirst, ServerFirst, auth_message, nonce_text};
+use super::message::{
+    BOUND_HEADER, ClientFinal, ClientFirst, ServerFirst, auth_message, bound_input, nonce_text,
+};
 use super::{ROUNDS_MAX, ROUNDS_MIN, ScramError};
 use std::fmt;
 
 /// Says that no channel binding is used.
-const HEADER: &str = "n,,";
+const UNBOUND: &str = "n,,";
 
 /// A login under way.
 ///
@@ -28,6 +30,7 @@ const HEADER: &str = "n,,";
 pub struct ClientExchange {
     bare: String,
     nonce: String,
+    binding: Option<Binding>,
     server_first: String,
     /// What the hub's proof is over, and the keys to check it with.
     proven: Option<(Vec<u8>, ClientKeys)>,
@@ -67,12 +70,22 @@ impl ClientExchange {
 
     pub(super) fn with_nonce(user: &str, nonce: String) -> ClientExchange {
         let bare = ClientFirst::bare(user, &nonce);
-        ClientExchange { bare, nonce, server_first: String::new(), proven: None }
+        ClientExchange { bare, nonce, binding: None, server_first: String::new(), proven: None }
+    }
+
+    /// The same, bound to an encrypted connection.
+    pub fn bound_to(mut self, binding: Option<Binding>) -> ClientExchange {
+        self.binding = binding;
+        self
+    }
+
+    fn header(&self) -> &'static str {
+        if self.binding.is_some() { BOUND_HEADER } else { UNBOUND }
     }
 
     /// The first message.
     pub fn first(&self) -> String {
-        format!("{HEADER}{}", self.bare)
+        format!("{}{}", self.header(), self.bare)
     }
 
     /// Takes the hub's challenge; answers what is to be derived for it.
@@ -103,7 +116,8 @@ impl ClientExchange {
         if added.is_empty() {
             return Err(ScramError::Nonce);
         }
-        let without_proof = ClientFinal::without_proof(HEADER, challenge.nonce);
+        let bound = bound_input(self.header(), self.binding.as_ref());
+        let without_proof = ClientFinal::without_proof(&bound, challenge.nonce);
         let login = auth_message(&self.bare, &self.server_first, &without_proof);
         let text = ClientFinal::text(&without_proof, &keys.proof(&login));
         self.proven = Some((login, keys.clone()));

@@ -1,16 +1,24 @@
 //! The four messages as text. Each reader takes exactly what its grammar allows, in the order of RFC 5802; no
-//! extensions, no authorisation identity, no channel binding.
+//! extensions, no authorisation identity, no other channel binding than `tls-exporter`.
 
-use super::super::Proof;
+use super::super::{Binding, Proof};
 use super::ScramError;
 use super::keys::SALT_BYTES;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 
+/// Says that the login is bound to a TLS connection, as RFC 9266 says.
+pub(super) const BOUND_HEADER: &str = "p=tls-exporter,,";
+
+/// What `c=` holds: the header of the first message, and what the login is bound to.
+pub(super) fn bound_input(header: &str, binding: Option<&Binding>) -> Vec<u8> {
+    [header.as_bytes(), binding.map_or(&[], |binding| binding)].concat()
+}
+
 /// `client-first-message`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct ClientFirst<'a> {
-    /// `n,,` or `y,,`.
+    /// `n,,`, `y,,` or [`BOUND_HEADER`].
     pub(super) header: &'a str,
     /// The rest.
     pub(super) bare: &'a str,
@@ -69,7 +77,7 @@ fn decoded<const LENGTH: usize>(text: &str, name: &'static str) -> Result<[u8; L
 
 impl<'a> ClientFirst<'a> {
     pub(super) fn read(text: &'a str) -> Result<ClientFirst<'a>, ScramError> {
-        let header = ["n,,", "y,,"].into_iter().find(|header| text.starts_with(header));
+        let header = ["n,,", "y,,", BOUND_HEADER].into_iter().find(|header| text.starts_with(header));
         let header = &text[..header.ok_or(ScramError::Malformed("gs2-header"))?.len()];
         let bare = &text[header.len()..];
         let mut rest = Some(bare);
@@ -117,8 +125,8 @@ impl<'a> ClientFinal<'a> {
     }
 
     /// All before `,p=`.
-    pub(super) fn without_proof(header: &str, nonce: &str) -> String {
-        format!("c={},r={nonce}", STANDARD.encode(header))
+    pub(super) fn without_proof(bound: &[u8], nonce: &str) -> String {
+        format!("c={},r={nonce}", STANDARD.encode(bound))
     }
 
     pub(super) fn text(without_proof: &str, proof: &Proof) -> String {

@@ -5,7 +5,9 @@
 //! the other what it knows, over random numbers of both.
 //!
 //! No preparation of text (SASLprep) is applied: the password is the bytes of its UTF-8, and a client in another
-//! language must not change them either. Channel binding is not offered.
+//! language must not change them either. On an encrypted
+//! connection the login can be bound to it (`tls-exporter` of RFC 9266): who stands between two such connections
+//! cannot pass it on.
 
 mod client;
 mod keys;
@@ -40,6 +42,9 @@ pub enum ScramError {
     /// The hub asks for fewer rounds than are safe, or for more than are bearable.
     #[error("the hub asks for {0} rounds; {ROUNDS_MIN} to {ROUNDS_MAX} are acceptable")]
     Rounds(u32),
+    /// The login is bound to another connection, or is not bound to one that it could be bound to.
+    #[error("the login is not bound to this connection as it should be")]
+    Binding,
     /// The other side does not know the password.
     #[error("the proof is wrong")]
     Proof,

@@ -1,9 +1,11 @@
 //! The hub's half of a login by password.
 
-use super::super::{Nonce, Proof};
+use super::super::{Binding, Nonce, Proof};
 use super::ScramError;
 use super::keys::{KEY_BYTES, Verifier};
-use super::message::{ClientFinal, ClientFirst, ServerFirst, auth_message, nonce_text};
+use super::message::{
+    BOUND_HEADER, ClientFinal, ClientFirst, ServerFirst, auth_message, bound_input, nonce_text,
+};
 use std::fmt;
 use subtle::Choice;
 
@@ -71,14 +73,38 @@ impl ServerExchange {
         &self.server_first
     }
 
+    /// Whether the client binds the login to its connection.
+    pub fn is_bound(&self) -> bool {
+        self.header == BOUND_HEADER
+    }
+
     /// Takes the client's last message; answers the hub's proof.
     ///
     /// # Errors
-    /// `Malformed`, `Nonce`, or `Proof` if the client does not know the password or there is no such account.
+    /// `Malformed`, `Nonce`, `Binding` if the client binds the login to an encrypted connection, or `Proof` if it
+    /// does not know the password or there is no such account.
     pub fn finish(self, client_final: &str) -> Result<Proof, ScramError> {
+        self.finish_on(client_final, None)
+    }
+
+    /// The same on an encrypted connection. A client that binds the login must bind it to this one; one that could
+    /// and takes the hub for one that cannot has been lied to by somebody between them.
+    ///
+    /// # Errors
+    /// As [`finish`](ServerExchange::finish).
+    pub fn finish_on(self, client_final: &str, binding: Option<&Binding>) -> Result<Proof, ScramError> {
         let last = ClientFinal::read(client_final)?;
-        if last.header != self.header.as_bytes() {
+        if !last.header.starts_with(self.header.as_bytes()) {
             return Err(ScramError::Malformed("c"));
+        }
+        let lied_to = binding.is_some() && self.header.starts_with('y');
+        let bound = match (self.is_bound(), binding) {
+            (true, None) => return Err(ScramError::Binding),
+            (true, Some(binding)) => bound_input(&self.header, Some(binding)),
+            (false, _) => bound_input(&self.header, None),
+        };
+        if lied_to || last.header != bound {
+            return Err(ScramError::Binding);
         }
         if last.nonce != self.nonce {
             return Err(ScramError::Nonce);

@@ -124,7 +124,7 @@ fn what_does_not_follow_the_grammar_is_refused() {
         "",
         "n,,",
         "n=ada,r=x",
-        "p=tls-exporter,,n=ada,r=x",
+        "p=tls-unique,,n=ada,r=x",
         "n,a=bob,n=ada,r=x",
         "n,,m=x,n=ada,r=x",
         "n,,n=ada,r=",
@@ -204,5 +204,29 @@ proptest! {
         let mut proof = STANDARD.decode(proof).expect("base64");
         proof[bit / 8] ^= 1 << (bit % 8);
         prop_assert_eq!(hub.finish(&format!("{before}p={}", STANDARD.encode(proof))), Err(ScramError::Proof));
+    }
+}
+
+#[test]
+fn a_client_that_is_told_there_is_no_binding_where_there_is_one_has_been_lied_to() {
+    let keys = ClientKeys::derive(&Password::new("pencil"), [7; 16], ROUNDS_MIN);
+    let find = |_: &str| Some(keys.verifier());
+    let binding = [5; 32];
+    for (header, on, expected) in [
+        ("n,,", None, true),
+        ("n,,", Some(&binding), true),
+        ("y,,", None, true),
+        ("y,,", Some(&binding), false),
+    ] {
+        let client = ClientExchange::new("ada", &[1; 32]);
+        let first = client.first().replacen("n,,", header, 1);
+        let hub = ServerExchange::begin(&first, &[2; 32], &[3; 32], &find).expect("a first message");
+        assert!(!hub.is_bound());
+        let challenge = super::message::ServerFirst::read(hub.challenge()).expect("its own");
+        let without = super::message::ClientFinal::without_proof(header.as_bytes(), challenge.nonce);
+        let bare = first.strip_prefix(header).expect("its own header");
+        let login = super::message::auth_message(bare, hub.challenge(), &without);
+        let last = super::message::ClientFinal::text(&without, &keys.proof(&login));
+        assert_eq!(hub.finish_on(&last, on).is_ok(), expected, "{header} {on:?}");
     }
 }

@@ -11,7 +11,9 @@ use super::permission::Permission;
 use crate::flow::database::{Contents, DatabaseKind, DatabaseName, Entity, Reach, StoreWork};
 use crate::flow::definition::Encoded;
 use crate::flow::error::{ClosingReason, RefusalCode};
-use crate::flow::limits::{ACCOUNT_NAME_BYTES_MAX, ACCOUNTS_MAX};
+use crate::flow::limits::{
+    ACCOUNT_NAME_BYTES_MAX, ACCOUNTS_MAX, CONNECTIONS_MAX, CONNECTIONS_PER_ACCOUNT_MAX, UNAUTHENTICATED_MAX,
+};
 use crate::flow::login::OwnerToken;
 use crate::flow::rights::{Grants, RIGHT_PREFIX, RightError};
 use crate::flow::scram::{ServerExchange, Verifier};
@@ -104,16 +106,32 @@ impl ServerCore {
         let Some(connection) = self.connections.get_mut(id) else { return };
         let Some(exchange) = connection.scram.take() else { return self.login_failed(id) };
         let user = Name::new(exchange.user()).ok();
-        let proof = exchange.finish(message);
+        let binding = connection.binding;
+        let must_bind = binding.is_some() && self.must_bind;
+        let is_bound = exchange.is_bound();
+        let proof = exchange.finish_on(message, binding.as_ref());
+        let proof = proof.ok().filter(|_| is_bound || !must_bind);
         // The account may have been removed since the challenge.
         let user = user.filter(|user| self.accounts.accounts.contains_key(user));
         match (proof, user) {
-            (Ok(proof), Some(user)) => {
+            (Some(_), Some(user)) if !self.has_place(&user) => self.close(id, ClosingReason::Crowded),
+            (Some(proof), Some(user)) => {
                 let permission = self.permission_at_login(id, &user);
                 self.logged_in(id, tag, user, permission, proof);
             }
             _ => self.login_failed(id),
         }
+    }
+
+    /// Whether one more connection of this account is let in. The last places are for those who have not logged in
+    /// yet, so that the owner finds one whatever the others do.
+    fn has_place(&self, user: &Name) -> bool {
+        let logged_in = self.connections.len() - self.waiting;
+        if *user == self.settings.user || logged_in < CONNECTIONS_PER_ACCOUNT_MAX {
+            return true;
+        }
+        let own = self.connections.iter().filter(|(_, found)| found.user.as_ref() == Some(user));
+        logged_in < CONNECTIONS_MAX - UNAUTHENTICATED_MAX && own.count() < CONNECTIONS_PER_ACCOUNT_MAX
     }
 
     /// What an account may do. If its rights are on the disk, the connection's commands wait until they are here.
@@ -128,7 +146,7 @@ impl ServerCore {
                 Reach::Here | Reach::Nowhere => None,
                 Reach::Coming(request) => Some(request),
                 Reach::OnDisk => {
-                    let request = self.storing.ask(&name, StoreWork::Load, Purpose::Summon);
+                    let request = self.ask_store(&name, StoreWork::Load, Purpose::Summon);
                     self.databases.expect(&name, request);
                     Some(request)
                 }
@@ -309,7 +327,7 @@ impl ServerCore {
             && self.databases.is_saved(&name)
             && self.databases.remove(&name).is_ok()
         {
-            self.storing.ask(&name, StoreWork::Remove, Purpose::Quiet);
+            self.ask_store(&name, StoreWork::Remove, Purpose::Quiet);
         }
     }
 

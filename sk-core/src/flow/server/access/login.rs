@@ -55,6 +55,7 @@ impl ServerCore {
         connection.inbound.agree(fragment_bytes, message_bytes);
         connection.inbound.advance();
         connection.output.fragment_bytes_max = fragment_bytes as usize;
+        connection.output.message_bytes_max = message_bytes as usize;
         let nonce = connection.hub_nonce;
         self.answer(id, tag, &Event::Welcome { magic: MAGIC, version, fragment_bytes, message_bytes, nonce });
         Ok(())
@@ -65,7 +66,12 @@ impl ServerCore {
             return self.login_failed(id);
         };
         let (client, hub) = (&connection.client_nonce, &connection.hub_nonce);
-        if token.client_is_true(client, hub, proof) && connection.scram.is_none() {
+        // A client that cannot bind its login, as most in other languages cannot, proves the token as it is.
+        let bound = connection.binding.map(|binding| token.bound_to(&binding));
+        let plain = Some(token).filter(|_| bound.is_none() || !self.must_bind);
+        let mut tokens = bound.iter().chain(plain);
+        let proven = tokens.find(|token| token.client_is_true(client, hub, proof));
+        if let Some(token) = proven.filter(|_| connection.scram.is_none()) {
             let proof = token.hub_proof(client, hub);
             let owner = self.settings.user.clone();
             self.logged_in(id, tag, owner, Permission::of(Rights::ALL), proof);

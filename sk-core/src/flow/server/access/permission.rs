@@ -48,13 +48,14 @@ impl Permission {
         self.has(right) && self.grants.as_ref().is_none_or(|grants| grants.has_everywhere(right))
     }
 
-    /// Whether a connection with it hears of a channel: of its own, of those that it may list, and of those that it
-    /// may make use of.
+    /// Whether a connection with it hears of a channel: of its own, of those that it may list or administer, and of
+    /// those that it may make use of.
     pub(in super::super) fn sees(&self, own: ConnectionId, channel: &Channel) -> bool {
         let name = channel.name.as_str();
         channel.owner == Owner::Flow(own.wire())
             || self.allows(Right::List, name)
             || self.allows(using_right(channel.kind), name)
+            || self.allows(Right::Administer, name)
     }
 }
 

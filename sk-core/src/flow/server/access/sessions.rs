@@ -6,7 +6,7 @@ use super::super::{ConnectionId, Notice, ServerCore, owning_flow};
 use crate::flow::channel::Owner;
 use crate::flow::database::{DatabaseKind, Entity};
 use crate::flow::error::{ClosingReason, RefusalCode};
-use crate::flow::{ChannelKind, ChannelRef, Event, Form, Right};
+use crate::flow::{ChannelKind, ChannelRef, Event, Flags, Form, Message as _, Right};
 use rustc_hash::FxHashMap;
 use sha2::{Digest, Sha256};
 use sk_flat::Name;
@@ -42,10 +42,9 @@ fn session_of(hub_nonce: &[u8; 32]) -> Session {
 }
 
 impl ServerCore {
-    /// Whether the connection of this id is open and has a right.
-    pub fn has_right(&self, connection: u64, right: Right) -> bool {
-        let found = self.connections.get(ConnectionId::from_wire(connection));
-        found.is_some_and(|found| found.rights.has(right))
+    /// Whether the connection of this id is open and has a right for this name.
+    pub fn has_right(&self, connection: u64, right: Right, name: &str) -> bool {
+        self.is_allowed(ConnectionId::from_wire(connection), right, name)
     }
 
     pub(in super::super) fn set_async(
@@ -68,10 +67,18 @@ impl ServerCore {
                 .get(*old)
                 .is_some_and(|old| old.user.as_ref() == Some(user) && old.closing.is_none())
         });
-        if predecessor.is_none() && self.sessions.names.contains_key(&full) {
-            return self.refuse(id, tag, RefusalCode::Exists);
-        }
+        let is_taken = predecessor.is_none() && self.sessions.names.contains_key(&full);
+        let full = match is_taken {
+            false => full,
+            // A module whose former thread hangs: it cannot come back later, when the name is free.
+            true if connection.is_inside() => match Name::new(&format!("{full}-{}", id.wire())) {
+                Ok(full) => full,
+                Err(_) => return self.refuse(id, tag, RefusalCode::BadName),
+            },
+            true => return self.refuse(id, tag, RefusalCode::Exists),
+        };
         let own = session_of(&connection.hub_nonce);
+        self.end_all_polling(id);
         let full = match predecessor {
             Some(old) => self.take_place(old, id).unwrap_or(full),
             None => full,
@@ -99,13 +106,13 @@ impl ServerCore {
         let owned = std::mem::take(&mut gone.owned);
         let kept = std::mem::take(&mut gone.output.kept);
         let subscriptions = gone.output.give_away();
-        let selected = gone.desk.selected.take();
+        let selected = self.select(old, None);
         for channel in &owned {
             self.change_owner(*channel, old, new);
         }
+        self.select(new, selected);
         let come = self.connections.get_mut(new)?;
         come.owned = owned;
-        come.desk.selected = selected;
         come.output.kept = kept;
         come.output.paused = true;
         for subscription in subscriptions {
@@ -137,10 +144,13 @@ impl ServerCore {
         }
         let Some((known, beside)) = self.channels.get_mut(channel) else { return };
         known.owner = Owner::Flow(new.wire());
+        let known = known.clone();
         if let Some(credit) = beside.special.as_mut().and_then(|special| special.credit.as_mut()) {
             // Both sides count anew; how much may be sent is told when the flow has begun.
             *credit = Credit { granted: 0, ..Credit::NEW };
         }
+        let changed = Event::OwnerChanged { channel, owner: new.wire() };
+        self.tell_flows(&known, None, |tag, _| changed.encode(tag, Flags::NONE));
     }
 
     /// Tells a flow that took another's place how its channels are, after it was told which there are.

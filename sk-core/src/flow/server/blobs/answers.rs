@@ -112,7 +112,10 @@ impl ServerCore {
         let kind = Kind::Blob { tag, first: !reading.begun, last };
         let length = bytes.len() as u64;
         // What finds no room is read again when there is some.
-        if connection.output.talk(Talk::new(kind, [bytes].into_iter().collect())) {
+        if connection
+            .output
+            .talk(Talk::new(kind, [bytes].into_iter().collect(), &self.budget))
+        {
             reading.next += length;
             reading.begun = true;
             if last {

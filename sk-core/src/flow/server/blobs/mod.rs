@@ -8,7 +8,7 @@ use super::super::blob::{BlobPath, BlobRequest, BlobWork};
 use super::super::channel::Owner;
 use super::super::error::{ProtocolError, RefusalCode};
 use super::super::fragment::Gathered;
-use super::super::limits::BLOB_READS_PER_CONNECTION_MAX;
+use super::super::limits::{BLOB_READS_PER_CONNECTION_MAX, BLOB_REQUESTS_PER_CONNECTION_MAX};
 use super::super::{ChannelKind, ChannelRef, Command, Flags, Form, Properties, Right};
 use super::connection::incoming::Incoming;
 use super::connection::telling::Telling;
@@ -222,7 +222,9 @@ impl ServerCore {
             if known {
                 return Err(ProtocolError::BadValue { kind: "blob_write", field: "tag", value: tag.into() });
             }
-            let checked = self.blob_channel(id, piece.channel, Wish::Change);
+            let is_crowded = connection.blobs.writing.len() >= BLOB_REQUESTS_PER_CONNECTION_MAX;
+            let room = if is_crowded { Err(RefusalCode::TooManyRequests) } else { Ok(()) };
+            let checked = room.and_then(|()| self.blob_channel(id, piece.channel, Wish::Change));
             if let Err(code) = checked.and_then(|_| BlobPath::parse(&piece.path)) {
                 self.late_fragments += u64::from(!flags.has(Flags::LAST));
                 self.refuse(id, tag, code);
@@ -232,6 +234,7 @@ impl ServerCore {
             self.late_fragments += 1;
             return Ok(());
         }
+        self.make_room_for_fragment(id, flags, piece.payload.len());
         let Some(connection) = self.connections.get_mut(id) else { return Ok(()) };
         let bytes_max = connection.inbound.message_bytes_max();
         let gathered =
@@ -243,11 +246,7 @@ impl ServerCore {
             Gathered::More => drop(writing.insert(tag)),
             Gathered::Ignored => {}
             Gathered::Aborted => drop(writing.remove(&tag)),
-            Gathered::Overfull => {
-                connection.gathering.forget(Incoming::Upload(tag));
-                writing.remove(&tag);
-                self.refuse(id, tag, RefusalCode::Full);
-            }
+            Gathered::Overfull => self.give_up_piece(id, tag),
             Gathered::Whole(pieces) => {
                 writing.remove(&tag);
                 let checked = self.blob_channel(id, piece.channel, Wish::Change);
@@ -265,5 +264,13 @@ impl ServerCore {
             }
         }
         Ok(())
+    }
+
+    /// There is no room for a piece that is coming in.
+    pub(super) fn give_up_piece(&mut self, id: ConnectionId, tag: u32) {
+        let Some(connection) = self.connections.get_mut(id) else { return };
+        connection.gathering.forget(Incoming::Upload(tag));
+        connection.blobs.writing.remove(&tag);
+        self.refuse(id, tag, RefusalCode::Full);
     }
 }

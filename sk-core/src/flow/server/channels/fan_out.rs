@@ -6,7 +6,7 @@ use crate::flow::ChannelRef;
 use crate::flow::delivery::{DropReason, Outgoing};
 use crate::flow::error::ClosingReason;
 use crate::flow::fragment::Pieces;
-use crate::flow::limits::{HUB_BYTES_MAX, SHED_BYTES};
+use crate::flow::limits::SHED_SHARE;
 use smallvec::SmallVec;
 
 impl ServerCore {
@@ -19,7 +19,7 @@ impl ServerCore {
             return;
         }
         let outgoing = Outgoing::new(channel, message, pieces, &self.budget);
-        if special || self.budget.used() > HUB_BYTES_MAX {
+        if special || self.budget.is_over() {
             self.fan_out_with_care(channel, &outgoing);
         } else {
             self.deliver(channel, &outgoing);
@@ -28,10 +28,10 @@ impl ServerCore {
 
     /// What most messages do not need: room in a hub that is full, a latch, polls and replicas.
     fn fan_out_with_care(&mut self, channel: ChannelRef, outgoing: &Outgoing) {
-        if self.budget.used() > HUB_BYTES_MAX {
+        if self.budget.is_over() {
             self.make_room();
         }
-        if self.budget.used() > HUB_BYTES_MAX {
+        if self.budget.is_over() {
             self.drop_for_all(channel, DropReason::Full);
         } else {
             self.keep_newest(channel, outgoing);
@@ -81,7 +81,7 @@ impl ServerCore {
     }
 
     /// A message that nobody gets, here or on a replica: every book is told why.
-    pub(super) fn drop_for_all(&mut self, channel: ChannelRef, reason: DropReason) {
+    pub(in super::super) fn drop_for_all(&mut self, channel: ChannelRef, reason: DropReason) {
         let Some((_, subscribers)) = self.channels.get(channel) else { return };
         for subscriber in &subscribers.list {
             let Some(connection) = self.connections.get_mut(subscriber.connection) else { continue };
@@ -106,11 +106,11 @@ impl ServerCore {
 
     /// Too much waits in all. Those for whom the most waits lose first, so that who reads is not punished for
     /// those who do not: of their messages the oldest, and if those must not be missed, the connection.
-    fn make_room(&mut self) {
+    pub(in super::super) fn make_room(&mut self) {
         let waiting = self.connections.iter().map(|(id, connection)| (connection.output.bytes(), id));
         let mut heavy: Vec<(usize, ConnectionId)> = waiting.filter(|(bytes, _)| *bytes > 0).collect();
         heavy.sort_unstable_by_key(|(bytes, id)| (std::cmp::Reverse(*bytes), *id));
-        let target = HUB_BYTES_MAX - SHED_BYTES;
+        let target = self.budget.max() - self.budget.max() / SHED_SHARE;
         let mut must_not_miss = Vec::new();
         for (_, id) in heavy {
             if self.budget.used() <= target {

@@ -4,6 +4,7 @@ pub(super) mod audience;
 mod credit;
 mod fan_out;
 mod keeping;
+pub(super) mod pacing;
 mod polling;
 pub(super) mod publish;
 mod replicas;
@@ -226,5 +227,6 @@ impl ServerCore {
                 }
             }
         }
+        self.announced.add(made.iter().flatten().map(Encoded::len).max().unwrap_or(0));
     }
 }

@@ -48,6 +48,14 @@ impl ServerCore {
         self.answer(id, tag, &Event::Done {});
     }
 
+    /// Ends all of it: the connection goes, or becomes a flow, which has no command for it.
+    pub(in super::super) fn end_all_polling(&mut self, id: ConnectionId) {
+        let Some(connection) = self.connections.get_mut(id) else { return };
+        for channel in std::mem::take(&mut connection.polls) {
+            self.end_polling(id, channel);
+        }
+    }
+
     pub(in super::super) fn end_polling(&mut self, id: ConnectionId, channel: ChannelRef) {
         if let Some(connection) = self.connections.get_mut(id) {
             connection.polls.retain(|polled| *polled != channel);
@@ -76,6 +84,9 @@ impl ServerCore {
             Err(code) => self.refuse(id, tag, code),
             Ok(message) => {
                 let Some(connection) = self.connections.get_mut(id) else { return };
+                if message.length() > connection.output.message_bytes_max {
+                    return self.refuse(id, tag, RefusalCode::TooLong);
+                }
                 connection.latest = Some(Box::new((tag, Begun::new(message))));
                 self.mark_dirty(id);
             }

@@ -47,6 +47,7 @@ impl ServerCore {
             }
             Admitted::StillNot => return Ok(()),
         }
+        self.make_room_for_fragment(id, flags, payload.len());
         let Some(connection) = self.connections.get_mut(id) else { return Ok(()) };
         let bytes_max = connection.inbound.message_bytes_max();
         let gathered =

@@ -77,6 +77,16 @@ impl UdpSession {
         !is_older
     }
 
+    /// What is held of unfinished messages.
+    pub(in super::super) fn bytes(&self) -> usize {
+        self.gathering.bytes()
+    }
+
+    /// Gives all of them up; answers their channels.
+    pub(in super::super) fn give_up(&mut self) -> Vec<ChannelRef> {
+        self.gathering.give_up()
+    }
+
     /// The place of a fragment in its channel. A message that is given up holds no bytes any more.
     fn place(&mut self, channel: ChannelRef, counter: u64, flags: Flags, message: u32) -> Place {
         let lane = self.lanes.entry(channel).or_default();
@@ -227,6 +237,7 @@ impl ServerCore {
             }
             _ => return self.turn_away(id, tag, flags, known.map(|(owner, kind, _)| (owner, kind))),
         }
+        self.make_room_for_fragment(id, flags, payload.len());
         let Some(connection) = self.connections.get_mut(id) else { return };
         let bytes_max = connection.inbound.message_bytes_max();
         let Some(udp) = connection.udp.as_deref_mut() else { return };
@@ -277,7 +288,7 @@ impl ServerCore {
             connection.udp = Some(Box::new(UdpSession {
                 session,
                 reader: DatagramReader::new(session, DatagramKey::new(key)),
-                gathering: Gathering::default(),
+                gathering: Gathering::charged_to(self.unfinished.clone()),
                 lanes: FxHashMap::default(),
             }));
         }

@@ -12,13 +12,13 @@ use std::net::{IpAddr, Ipv6Addr};
 /// Who is held to account: an address of IPv4, a network of IPv6 (a host there has as many addresses as it
 /// likes), or a local user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-enum Place {
+pub(super) enum Place {
     Network(IpAddr),
     User(u32),
 }
 
 impl Place {
-    fn of(origin: Origin) -> Option<Place> {
+    pub(super) fn of(origin: Origin) -> Option<Place> {
         match origin {
             Origin::Network(IpAddr::V6(address)) => {
                 let network = u128::from(address) >> 64 << 64;

@@ -1,6 +1,7 @@
 //! What the passing of time does: pings, silence, closing, and reports of losses.
 
-use super::super::{ConnectionId, Ending, Origin, ServerCore, is_waiting};
+use super::super::{ConnectionId, Ending, ServerCore, is_waiting};
+use super::addresses::Place;
 use crate::flow::Event;
 use crate::flow::error::ClosingReason;
 use crate::flow::limits::{
@@ -20,6 +21,7 @@ impl ServerCore {
             return self.settle();
         }
         self.next_check = now + CHECK_INTERVAL;
+        self.go_on_announcing();
         while let Some((at, id)) = self.alarms.next_due(now) {
             let Some(connection) = self.connections.get_mut(id) else { continue };
             if connection.alarm == Some(at) {
@@ -129,26 +131,23 @@ impl ServerCore {
         true
     }
 
-    /// Closes the oldest connection without login of the address that has most of them, so that a good
-    /// login always finds a place.
+    /// Closes the oldest connection without login of the place that has most of them, so that a good
+    /// login always finds room.
     pub(in super::super) fn evict(&mut self) {
-        let mut by_address: BTreeMap<Option<std::net::IpAddr>, (usize, Instant, ConnectionId)> =
-            BTreeMap::new();
+        let mut by_place: BTreeMap<Option<Place>, (usize, Instant, ConnectionId)> = BTreeMap::new();
         self.newcomers.retain(|id| self.connections.get(*id).is_some_and(is_waiting));
         for id in &self.newcomers {
             let Some(connection) = self.connections.get(*id) else { continue };
             let id = *id;
-            let address = match connection.origin {
-                Origin::Network(address) => Some(address),
-                Origin::Unix { .. } | Origin::Line | Origin::Inside { .. } => None,
-            };
-            let entry = by_address.entry(address).or_insert((0, connection.opened, id));
+            let entry = by_place
+                .entry(Place::of(connection.origin))
+                .or_insert((0, connection.opened, id));
             entry.0 += 1;
             if connection.opened < entry.1 {
                 (entry.1, entry.2) = (connection.opened, id);
             }
         }
-        let busiest = by_address
+        let busiest = by_place
             .into_values()
             .max_by_key(|(count, opened, id)| (*count, std::cmp::Reverse(*opened), std::cmp::Reverse(*id)));
         if let Some((.., id)) = busiest {

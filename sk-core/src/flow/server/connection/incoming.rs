@@ -4,7 +4,7 @@ use super::super::services::requests::RequestId;
 use crate::flow::ChannelRef;
 
 /// What an unfinished message of a client's is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(in super::super) enum Incoming {
     /// Of a channel of its own.
     Publish(ChannelRef),

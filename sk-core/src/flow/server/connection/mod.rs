@@ -11,10 +11,11 @@ pub(super) mod telling;
 
 use super::super::channel::outgoing::Begun;
 use super::super::definition::{Encoded, Tagged};
+use super::super::delivery::Budget;
 use super::super::error::{ClosingReason, ProtocolError};
 use super::super::fragment::Gathering;
 use super::super::inbound::Inbound;
-use super::super::login::Nonce;
+use super::super::login::{Binding, Nonce};
 use super::super::scram::ServerExchange;
 use super::super::{ChannelRef, Command, Form, State};
 use super::access::permission::Permission;
@@ -39,6 +40,8 @@ pub(super) struct Connection {
     pub(super) output: Output,
     pub(super) client_nonce: Nonce,
     pub(super) hub_nonce: Nonce,
+    /// Of an encrypted connection.
+    pub(super) binding: Option<Binding>,
     pub(super) user: Option<Name>,
     /// A login by password that is under way.
     pub(super) scram: Option<Box<ServerExchange>>,
@@ -80,6 +83,9 @@ pub(super) struct Connection {
     pub(super) alarm: Option<Instant>,
     /// Its login failed, and it hears so then: too many failed that came from where it comes from.
     pub(super) login_refused_at: Option<Instant>,
+    /// A command that waits because much was announced to everybody just before, and whether it has to wait still.
+    pub(super) paced: Option<Box<Tagged<Command>>>,
+    pub(super) is_paced: bool,
     /// Whether it is listed as having lost messages.
     pub(super) lossy: bool,
     pub(super) closing: Option<(ClosingReason, Instant)>,
@@ -91,7 +97,7 @@ impl Connection {
         matches!(self.origin, Origin::Inside { .. })
     }
 
-    pub(super) fn new(origin: Origin, hub_nonce: Nonce, now: Instant) -> Connection {
+    pub(super) fn new(origin: Origin, hub_nonce: Nonce, now: Instant, unfinished: Budget) -> Connection {
         Connection {
             origin,
             inbound: Inbound::new(),
@@ -99,6 +105,7 @@ impl Connection {
             output: Output::default(),
             client_nonce: [0; 32],
             hub_nonce,
+            binding: None,
             user: None,
             scram: None,
             rights: Permission::NONE,
@@ -106,7 +113,7 @@ impl Connection {
             session: [0; 16],
             resumed: false,
             form: Form::Binary,
-            gathering: Gathering::default(),
+            gathering: Gathering::charged_to(unfinished),
             udp: None,
             calls: BTreeMap::new(),
             serving: BTreeSet::new(),
@@ -126,6 +133,8 @@ impl Connection {
             frame_begun: None,
             alarm: None,
             login_refused_at: None,
+            paced: None,
+            is_paced: false,
             lossy: false,
             closing: None,
         }
@@ -133,7 +142,7 @@ impl Connection {
 
     /// The next command, whether it came as bytes or from inside.
     pub(super) fn next_command(&mut self) -> Result<Option<Tagged<Command>>, ProtocolError> {
-        if let Some(again) = self.desk.take_again() {
+        if let Some(again) = self.desk.take_again().or_else(|| self.paced.take().map(|paced| *paced)) {
             return Ok(Some(again));
         }
         match self.inbound.next()? {
@@ -143,7 +152,7 @@ impl Connection {
     }
 
     /// Whether commands must wait: the connection ends, a list or a message is being told, its answers pile up, it
-    /// waits for the disk, or it is synchronous and a call of it has no answer yet.
+    /// waits for the disk, it announces too much, or it is synchronous and a call of it has no answer yet.
     pub(super) fn is_held(&self) -> bool {
         self.is_unread() || self.awaits_answer()
     }
@@ -154,6 +163,7 @@ impl Connection {
             || self.replay.is_some()
             || self.latest.is_some()
             || self.login_refused_at.is_some()
+            || self.is_paced
             || self.output.answers_pile_up()
             || self.desk.is_held()
             || self.blobs.is_held()
@@ -176,7 +186,7 @@ impl Connection {
 
     /// Whether input waits that has not been looked at.
     pub(super) fn has_input(&self) -> bool {
-        self.inbound.pending() > 0 || !self.parts.is_empty() || self.desk.has_again()
+        self.inbound.pending() > 0 || !self.parts.is_empty() || self.desk.has_again() || self.paced.is_some()
     }
 }
 

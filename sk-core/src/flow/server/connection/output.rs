@@ -2,9 +2,10 @@
 
 use super::talk::{Talk, TalkKey, Talks};
 use crate::flow::definition::Encoded;
-use crate::flow::delivery::{Book, Budget, Counts, DropReason, Offered, Outgoing};
+use crate::flow::delivery::{Book, Budget, Charge, Counts, DropReason, Offered, Outgoing};
 use crate::flow::limits::{
-    CONNECTION_BYTES_MAX, CONTROL_BYTES_MAX, FRAGMENT_BYTES_MAX, ITEM_OVERHEAD_BYTES, WIRE_BYTES_AHEAD,
+    CONNECTION_BYTES_MAX, CONTROL_BYTES_MAX, FRAGMENT_BYTES_MAX, ITEM_OVERHEAD_BYTES, MESSAGE_BYTES_MAX,
+    WIRE_BYTES_AHEAD,
 };
 use crate::flow::wire::Wire;
 use crate::flow::{ChannelRef, Policy};
@@ -13,7 +14,7 @@ use slab::Slab;
 use std::collections::VecDeque;
 
 /// What is to be noted when the transport has taken a frame.
-#[derive(Clone, Copy, Debug)]
+#[derive(Debug)]
 pub(in super::super) enum Note {
     Nothing,
     /// The frame ended a message of this subscription.
@@ -23,7 +24,7 @@ pub(in super::super) enum Note {
     },
     /// The frame ended a message of a service's, which was charged this.
     EndsTalk {
-        charge: usize,
+        charge: Charge,
     },
 }
 
@@ -75,6 +76,8 @@ pub(in super::super) struct Output {
     /// Reliable channels of which it took something.
     pub(in super::super) credit_due: Vec<ChannelRef>,
     pub(in super::super) fragment_bytes_max: usize,
+    /// The longest message that the peer takes.
+    pub(in super::super) message_bytes_max: usize,
     /// Messages wait until the connection is a flow for its peer too.
     pub(in super::super) paused: bool,
     /// Whether messages were dropped that the subscriber was not told of.
@@ -96,6 +99,7 @@ impl Default for Output {
             kept: 0,
             credit_due: Vec::new(),
             fragment_bytes_max: FRAGMENT_BYTES_MAX,
+            message_bytes_max: MESSAGE_BYTES_MAX,
             paused: false,
             has_losses: false,
         }
@@ -227,8 +231,12 @@ impl Output {
         self.bytes
     }
 
-    /// Offers a message to a subscription. Answers `false` if it must not miss any and found no room.
+    /// Offers a message to a subscription. Answers `false` if it must not miss any and found no room. One that is
+    /// longer than the peer takes never finds any.
     pub(in super::super) fn offer(&mut self, slot: usize, message: &Outgoing) -> bool {
+        if message.length() > self.message_bytes_max {
+            return self.missed(slot, DropReason::Full);
+        }
         let room = self.room();
         let Some(subscription) = self.subscriptions.get_mut(slot) else { return true };
         let book = &mut subscription.book;
@@ -247,9 +255,9 @@ impl Output {
         offered != Offered::Broken
     }
 
-    /// Queues a request or a reply; `false` if the connection has as many bytes waiting as it may.
+    /// Queues a request or a reply; `false` if the connection, or the hub for all, has as many bytes waiting as it may.
     pub(in super::super) fn talk(&mut self, talk: Talk) -> bool {
-        if talk.charge() > self.room() {
+        if talk.charge() > self.room() || talk.is_too_much() {
             return false;
         }
         self.bytes += talk.charge();
@@ -416,6 +424,8 @@ impl Output {
     pub(in super::super) fn end_with(&mut self, last: Encoded) {
         self.control.clear();
         self.control_bytes = 0;
+        self.talks = Talks::default();
+        self.turns.clear();
         self.wire.drop_unbegun();
         self.wire.push(last, Note::Nothing);
     }
@@ -428,8 +438,8 @@ fn ended(
     credit_due: &mut Vec<ChannelRef>,
     note: Note,
 ) {
-    if let Note::EndsTalk { charge } = note {
-        *bytes -= charge;
+    if let Note::EndsTalk { charge } = &note {
+        *bytes -= charge.bytes();
     }
     if let Note::EndsMessage { slot, serial } = note
         && let Some(subscription) = subscriptions.get_mut(slot)

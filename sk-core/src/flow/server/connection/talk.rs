@@ -1,6 +1,7 @@
 //! Messages for one receiver: requests on their way to an owner, replies on their way to an asker.
 
 use crate::flow::definition::Encoded;
+use crate::flow::delivery::{Budget, Charge};
 use crate::flow::fragment::{Pieces, owned_if_small};
 use crate::flow::limits::ITEM_OVERHEAD_BYTES;
 use crate::flow::{ChannelRef, Event, Flags, Message as _};
@@ -44,22 +45,29 @@ pub(in super::super) enum Kind {
 pub(in super::super) struct Talk {
     kind: Kind,
     pieces: Pieces,
-    charge: usize,
+    charge: Charge,
     /// The piece and the place in it where the next fragment begins.
     next: (usize, usize),
 }
 
 impl Talk {
-    pub(in super::super) fn new(kind: Kind, pieces: Pieces) -> Talk {
+    pub(in super::super) fn new(kind: Kind, pieces: Pieces, budget: &Budget) -> Talk {
         // A small message must not keep the large buffer alive that it came in.
         let pieces: Pieces = pieces.into_iter().map(owned_if_small).collect();
-        let charge = pieces.iter().map(|piece| piece.len() + ITEM_OVERHEAD_BYTES).sum();
+        let bytes = pieces.iter().map(|piece| piece.len() + ITEM_OVERHEAD_BYTES).sum();
+        let charge = budget.charge(bytes);
         Talk { kind, pieces, charge, next: (0, 0) }
+    }
+
+    /// Whether it is a request or a reply, and the hub holds more for all than it may.
+    pub(super) fn is_too_much(&self) -> bool {
+        // A download is read from the disk as there is room for it.
+        !matches!(self.kind, Kind::Blob { .. }) && self.charge.budget().is_over()
     }
 
     /// What it is charged to its receiver while it waits.
     pub(in super::super) fn charge(&self) -> usize {
-        self.charge
+        self.charge.bytes()
     }
 
     pub(in super::super) fn key(&self) -> TalkKey {
@@ -146,18 +154,16 @@ impl Talks {
         &mut self,
         key: TalkKey,
         payload_max: usize,
-    ) -> Option<(Encoded, Option<usize>)> {
+    ) -> Option<(Encoded, Option<Charge>)> {
         let queue = self.queues.get_mut(&key)?;
-        let (frame, charge, done) = match queue.front_mut()? {
-            Item::Message(talk) => {
-                let (frame, last) = talk.next_frame(payload_max);
-                (frame, last.then_some(talk.charge), last)
-            }
-            Item::Frame(frame) => (frame.clone(), None, true),
+        let (frame, done) = match queue.front_mut()? {
+            Item::Message(talk) => talk.next_frame(payload_max),
+            Item::Frame(frame) => (frame.clone(), true),
         };
-        if done {
-            queue.pop_front();
-        }
+        let charge = match if done { queue.pop_front() } else { None } {
+            Some(Item::Message(talk)) => Some(talk.charge),
+            Some(Item::Frame(_)) | None => None,
+        };
         if queue.is_empty() {
             self.queues.remove(&key);
         }
@@ -184,7 +190,7 @@ impl Talks {
         let mut ended = Ended { charge: 0, was_begun: false };
         for item in &queue {
             if let Item::Message(talk) = item {
-                ended.charge += talk.charge;
+                ended.charge += talk.charge();
                 ended.was_begun |= talk.is_begun();
             }
         }
@@ -202,7 +208,7 @@ mod tests {
     fn request(pieces: &[usize]) -> Talk {
         let channel = ChannelRef { id: 2000, epoch: 1 };
         let pieces = pieces.iter().map(|length| Bytes::from(vec![7; *length])).collect();
-        Talk::new(Kind::Request { channel, request: 5, asker: 9 }, pieces)
+        Talk::new(Kind::Request { channel, request: 5, asker: 9 }, pieces, &Budget::default())
     }
 
     fn payloads(talks: &mut Talks, payload_max: usize) -> Vec<(u8, usize)> {

@@ -2,14 +2,18 @@
 //! connection wait for the end.
 
 use super::super::blobs::desk::Listing;
-use super::super::databases::watches::sendable;
+use super::super::databases::watches::{Next, sendable};
 use super::super::{ConnectionId, Notice, ServerCore};
-use crate::flow::database::DatabaseName;
+use crate::flow::database::{DatabaseName, Line};
 use crate::flow::definition::Encoded;
 use crate::flow::{Event, Flags, Form, Message, Value};
 use sk_flat::{Name, SkVariant};
 use std::collections::VecDeque;
 use std::sync::Arc;
+
+/// How many channels, databases or changes are gone through for one connection before others have their turn: those
+/// that are none of its business take time too.
+const LOOKS_PER_TURN_MAX: usize = 1_024;
 
 /// What a list is of, and how far it has been told.
 #[derive(Clone, Debug)]
@@ -75,10 +79,11 @@ impl ServerCore {
     pub(in super::super) fn fill(&mut self, id: ConnectionId) {
         let Some(connection) = self.connections.get_mut(id) else { return };
         connection.output.fill();
+        let mut looks = LOOKS_PER_TURN_MAX;
         while let Some(connection) = self.connections.get(id)
             && connection.closing.is_none()
             && connection.output.has_room_for_list()
-            && let Some(frame) = self.next_line(id)
+            && let Some(frame) = self.next_line(id, &mut looks)
             && let Some(connection) = self.connections.get_mut(id)
         {
             // A list pauses long before the limit of the control queue.
@@ -92,21 +97,29 @@ impl ServerCore {
         }
     }
 
-    fn next_line(&mut self, id: ConnectionId) -> Option<Encoded> {
+    fn next_line(&mut self, id: ConnectionId, looks: &mut usize) -> Option<Encoded> {
         let Some(mut replay) = self.connections.get_mut(id)?.replay.take() else {
-            return self.next_news(id);
+            return self.next_news(id, looks);
         };
         if replay.what.waits() {
             self.connections.get_mut(id)?.replay = Some(replay);
             self.go_on_listing(id);
             return None;
         }
-        let line = self.line(id, &mut replay);
+        let line = self.line(id, &mut replay, looks);
         let connection = self.connections.get_mut(id)?;
-        if let Some(line) = line {
-            replay.told += 1;
-            connection.replay = Some(replay);
-            return Some(line);
+        match line {
+            Next::Now(line) => {
+                replay.told += 1;
+                connection.replay = Some(replay);
+                return Some(line);
+            }
+            Next::Later => {
+                connection.replay = Some(replay);
+                self.enqueue(id);
+                return None;
+            }
+            Next::Nothing => {}
         }
         let count = replay.told;
         if !matches!(replay.what, Telling::Channels { begins_flow: true, .. }) {
@@ -119,38 +132,41 @@ impl ServerCore {
         Some(begun.encode(replay.tag, Flags::NONE))
     }
 
-    fn line(&self, id: ConnectionId, replay: &mut Replay) -> Option<Encoded> {
+    fn line(&self, id: ConnectionId, replay: &mut Replay, looks: &mut usize) -> Next<Encoded> {
         let (tag, form) = (replay.tag, replay.form);
-        match &mut replay.what {
-            Telling::Channels { begins_flow, next } => {
-                let rights = &self.connections.get(id)?.rights;
-                let channel = loop {
-                    let (channel, _) = self.channels.from_id(*next)?;
+        while *looks > 0 {
+            *looks -= 1;
+            match &mut replay.what {
+                Telling::Channels { begins_flow, next } => {
+                    let Some((channel, _)) = self.channels.from_id(*next) else { return Next::Nothing };
                     *next = channel.reference.id as u16 + 1;
-                    if rights.sees(id, channel) {
-                        break channel;
+                    if self.connections.get(id).is_some_and(|found| found.rights.sees(id, channel)) {
+                        return Next::Now(match *begins_flow {
+                            true => channel.added(0, form),
+                            false => channel.listed(tag, form),
+                        });
                     }
-                };
-                Some(if *begins_flow { channel.added(0, form) } else { channel.listed(tag, form) })
-            }
-            Telling::Blobs(listing) => listing.line(tag),
-            Telling::Databases { prefix, after } => {
-                let line = loop {
-                    let line = self.databases.next(prefix, after.as_ref())?;
+                }
+                Telling::Databases { prefix, after } => {
+                    let Some(line) = self.databases.next(prefix, after.as_ref()) else {
+                        return Next::Nothing;
+                    };
+                    *after = Some(line.name.clone());
                     if self.may_see(id, &line.name) {
-                        break line;
+                        return Next::Now(database_line(tag, &line));
                     }
-                    *after = Some(line.name);
-                };
-                let event = Event::DatabaseListed {
-                    database: line.name.to_string(),
-                    durable: line.durable.into(),
-                    variables: line.keys as u32,
-                    bytes: line.bytes as u64,
-                };
-                *after = Some(line.name);
-                Some(event.encode(tag, Flags::NONE))
+                }
+                told => return self.line_at_once(id, tag, form, told).map_or(Next::Nothing, Next::Now),
             }
+        }
+        Next::Later
+    }
+
+    /// The next line of a list of which every entry is told.
+    fn line_at_once(&self, id: ConnectionId, tag: u32, form: Form, what: &mut Telling) -> Option<Encoded> {
+        match what {
+            Telling::Channels { .. } | Telling::Databases { .. } => None,
+            Telling::Blobs(listing) => listing.line(tag),
             Telling::Accounts { after } => self.account_line(tag, after),
             // The right to read it may have been revoked since the list began.
             Telling::Variables { database, .. } if !self.may_read(id, database) => None,
@@ -178,4 +194,14 @@ impl ServerCore {
             }
         }
     }
+}
+
+fn database_line(tag: u32, line: &Line) -> Encoded {
+    let event = Event::DatabaseListed {
+        database: line.name.to_string(),
+        durable: line.durable.into(),
+        variables: line.keys as u32,
+        bytes: line.bytes as u64,
+    };
+    event.encode(tag, Flags::NONE)
 }

@@ -3,7 +3,7 @@
 use super::super::super::Command;
 use super::super::super::database::DatabaseName;
 use super::super::super::definition::Tagged;
-use super::super::super::limits::UNSAVED_PER_FLOW_MAX;
+use super::super::super::limits::{UNSAVED_BYTES_PER_FLOW_MAX, UNSAVED_PER_FLOW_MAX};
 use super::watches::Watch;
 use std::collections::VecDeque;
 
@@ -19,14 +19,17 @@ pub(in super::super) struct Desk {
     awaited: Option<u64>,
     /// The command that is to be looked at again then.
     again: Option<Box<Tagged<Command>>>,
-    /// How many changes of this flow wait for the disk.
+    /// How many changes of this flow wait for the disk, and what they hold meanwhile.
     pub(super) unsaved: usize,
+    pub(super) unsaved_bytes: usize,
 }
 
 impl Desk {
     /// Whether the connection's commands must wait.
     pub(in super::super) fn is_held(&self) -> bool {
-        self.awaited.is_some() || self.unsaved >= UNSAVED_PER_FLOW_MAX
+        self.awaited.is_some()
+            || self.unsaved >= UNSAVED_PER_FLOW_MAX
+            || self.unsaved_bytes >= UNSAVED_BYTES_PER_FLOW_MAX
     }
 
     pub(in super::super) fn has_news(&self) -> bool {

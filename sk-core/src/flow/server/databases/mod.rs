@@ -3,6 +3,7 @@
 mod access;
 mod defaults;
 pub(super) mod desk;
+pub(super) mod selected;
 pub(super) mod storing;
 pub(super) mod watches;
 
@@ -29,7 +30,7 @@ impl ServerCore {
             Ok(target) => target,
             Err(code) => return self.refuse_database_command(id, tag, selects, code),
         };
-        if let Some(request) = self.summon(&target, &command) {
+        if let Some(request) = self.summon(id, &target, &command) {
             if let Some(connection) = self.connections.get_mut(id) {
                 let again = Tagged { tag, flags: Flags::NONE, message: command };
                 connection.desk.wait_for(request, again);
@@ -51,9 +52,7 @@ impl ServerCore {
     /// After a `db_select` that was refused no database is current: a client may have sent commands behind it
     /// without waiting, and those must not act on the one before.
     fn deselect(&mut self, id: ConnectionId) {
-        if let Some(connection) = self.connections.get_mut(id) {
-            connection.desk.selected = None;
-        }
+        self.select(id, None);
     }
 
     /// Which database a command is about: the one that it names, or the current one. `db_list` and `unwatch`
@@ -73,8 +72,9 @@ impl ServerCore {
         }
     }
 
-    /// The number of the request to wait for, if the command needs contents that are on the disk.
-    fn summon(&mut self, target: &Option<DatabaseName>, command: &Command) -> Option<u64> {
+    /// The number of the request to wait for, if the command needs contents that are on the disk. For whoever may
+    /// neither read nor write them nothing is brought into memory.
+    fn summon(&mut self, id: ConnectionId, target: &Option<DatabaseName>, command: &Command) -> Option<u64> {
         let needs_contents = !matches!(
             command,
             Command::DbSelect { .. }
@@ -84,11 +84,14 @@ impl ServerCore {
                 | Command::DbLoad {}
         );
         let name = target.as_ref().filter(|_| needs_contents)?;
+        if !self.may(id, name, Access::Read) && !self.may(id, name, Access::Write) {
+            return None;
+        }
         match self.databases.reach(name) {
             Reach::Here | Reach::Nowhere => None,
             Reach::Coming(request) => Some(request),
             Reach::OnDisk => {
-                let request = self.storing.ask(name, StoreWork::Load, Purpose::Summon);
+                let request = self.ask_store(name, StoreWork::Load, Purpose::Summon);
                 self.databases.expect(name, request);
                 Some(request)
             }
@@ -150,15 +153,14 @@ impl ServerCore {
         tag: u32,
         name: &DatabaseName,
     ) -> Result<(), RefusalCode> {
-        if !self.databases.exists(name) {
-            return Err(RefusalCode::NoSuchDatabase);
-        }
+        // First, so that nobody learns what there is that is none of his.
         if !self.may(id, name, Access::Read) && !self.may(id, name, Access::Write) {
             return Err(RefusalCode::Denied);
         }
-        if let Some(connection) = self.connections.get_mut(id) {
-            connection.desk.selected = Some(name.clone());
+        if !self.databases.exists(name) {
+            return Err(RefusalCode::NoSuchDatabase);
         }
+        self.select(id, Some(name.clone()));
         self.answer(id, tag, &Event::DatabaseSelected { database: name.to_string() });
         Ok(())
     }
@@ -370,18 +372,15 @@ impl ServerCore {
                 self.answer(id, watcher.tag, &Event::WatchOver {});
             }
         }
-        for id in self.connections.ids() {
-            if let Some(connection) = self.connections.get_mut(id)
-                && connection.desk.selected.as_ref() == Some(name)
-            {
-                connection.desk.selected = None;
-                self.answer(id, 0, &Event::DatabaseSelected { database: String::new() });
-            }
+        for id in self.selected.of(name) {
+            self.select(id, None);
+            self.answer(id, 0, &Event::DatabaseSelected { database: String::new() });
         }
     }
 
     /// A connection ends: nobody is to be told any more, and a flow's database goes.
     pub(super) fn leave_databases(&mut self, id: ConnectionId) {
+        self.select(id, None);
         let Some(connection) = self.connections.get_mut(id) else { return };
         let watches = connection.desk.end();
         let flow = connection.flow.clone();

@@ -5,6 +5,7 @@ use super::super::super::database::{
     DatabaseName, Saved, StoreAnswer, StoreFailure, StoreRequest, StoreWork, Stored,
 };
 use super::super::super::error::RefusalCode;
+use super::super::super::limits::{ITEM_OVERHEAD_BYTES, LOADING_BYTES_MAX};
 use super::super::{ConnectionId, ServerCore};
 use rustc_hash::FxHashMap;
 use sk_flat::Instant;
@@ -17,12 +18,18 @@ pub(in super::super) struct Storing {
     last: u64,
     requests: VecDeque<StoreRequest>,
     waiting: FxHashMap<u64, Waiting>,
+    /// What is on its way from the disk.
+    loading: usize,
 }
 
 #[derive(Debug)]
 struct Waiting {
     database: DatabaseName,
     purpose: Purpose,
+    /// What the request holds, or its answer will.
+    bytes: usize,
+    /// It was handed out, and brings that from the disk.
+    is_loading: bool,
 }
 
 /// What an answer is for.
@@ -44,20 +51,23 @@ impl Storing {
         self.on
     }
 
-    /// Queues a request; answers its number. Who asks is held when he has as many waiting as he may, so the
-    /// queue is bounded by the number of connections.
-    pub(in super::super) fn ask(
-        &mut self,
-        database: &DatabaseName,
-        work: StoreWork,
-        purpose: Purpose,
-    ) -> u64 {
+    /// Queues a request that holds so many bytes, or brings them; answers its number. Who asks is held when he has as
+    /// much waiting as he may, so the queue is bounded by the number of connections.
+    fn ask(&mut self, database: &DatabaseName, work: StoreWork, purpose: Purpose, bytes: usize) -> u64 {
         self.last += 1;
         let number = self.last;
         self.requests
             .push_back(StoreRequest { number, database: database.clone(), work });
-        self.waiting.insert(number, Waiting { database: database.clone(), purpose });
+        let waiting = Waiting { database: database.clone(), purpose, bytes, is_loading: false };
+        self.waiting.insert(number, waiting);
         number
+    }
+
+    /// What is loaded comes into memory whole, so not everything is loaded at once.
+    fn may_hand_out(&self) -> bool {
+        let Some(first) = self.requests.front() else { return false };
+        let bytes = self.waiting.get(&first.number).map_or(0, |waiting| waiting.bytes);
+        first.work.writes() || self.loading == 0 || self.loading + bytes <= LOADING_BYTES_MAX
     }
 }
 
@@ -72,14 +82,55 @@ impl ServerCore {
         }
     }
 
-    /// The next thing for the disk to do. They are to be done in this order.
+    /// The next thing for the disk to do. They are to be done in this order. While much is on its way from the disk,
+    /// what comes after waits for that.
     pub fn next_store_request(&mut self) -> Option<StoreRequest> {
-        self.storing.requests.pop_front()
+        if !self.storing.may_hand_out() {
+            return None;
+        }
+        let request = self.storing.requests.pop_front()?;
+        if let Some(waiting) = self.storing.waiting.get_mut(&request.number)
+            && !request.work.writes()
+        {
+            waiting.is_loading = true;
+            self.storing.loading += waiting.bytes;
+        }
+        Some(request)
     }
 
     /// Whether [`next_store_request`](ServerCore::next_store_request) would answer one.
     pub fn has_store_requests(&self) -> bool {
-        !self.storing.requests.is_empty()
+        self.storing.may_hand_out()
+    }
+
+    /// Whatever is still to be written, for a hub that ends: nobody waits for what is still to be loaded.
+    pub fn last_store_requests(&mut self) -> impl Iterator<Item = StoreRequest> + '_ {
+        self.storing.requests.drain(..).filter(|request| request.work.writes())
+    }
+
+    /// Asks the disk for something about a database; answers the number of the request.
+    pub(in super::super) fn ask_store(
+        &mut self,
+        database: &DatabaseName,
+        work: StoreWork,
+        purpose: Purpose,
+    ) -> u64 {
+        let bytes = self.store_bytes(database, &work);
+        self.storing.ask(database, work, purpose, bytes)
+    }
+
+    /// What a request holds until it is answered, or what its answer brings.
+    fn store_bytes(&self, database: &DatabaseName, work: &StoreWork) -> usize {
+        let whole = |saved: &Saved| saved.bytes + saved.keys * ITEM_OVERHEAD_BYTES;
+        ITEM_OVERHEAD_BYTES
+            + match work {
+                StoreWork::Change { key, value, .. } => {
+                    key.len() + value.as_ref().map_or(0, |value| value.encoded().len())
+                }
+                StoreWork::Replace { about, .. } => whole(about),
+                StoreWork::Load => self.databases.saved(database).map_or(0, whole),
+                StoreWork::Remove => 0,
+            }
     }
 
     /// How many requests have not been answered.
@@ -92,24 +143,26 @@ impl ServerCore {
     pub fn stored(&mut self, answer: StoreAnswer, now: Instant) {
         self.now = now;
         let number = answer.number;
-        let Some(Waiting { database, purpose }) = self.storing.waiting.remove(&number) else { return };
+        let Some(answered) = self.storing.waiting.remove(&number) else { return };
+        let Waiting { database, purpose, bytes, is_loading } = answered;
+        self.storing.loading -= if is_loading { bytes } else { 0 };
         match (purpose, answer.outcome) {
             (Purpose::Quiet, Ok(_)) => {}
             (Purpose::Quiet, Err(failure)) => self.log_failure(&database, &failure),
             (Purpose::Summon, outcome) => self.summoned(&database, number, outcome),
             (Purpose::Reload { connection, tag }, Ok(Stored::Contents(contents))) => {
                 self.reloaded(connection, tag, &database, contents);
-                self.go_on(connection, number);
+                self.go_on(connection, number, bytes);
             }
             (Purpose::Acknowledge { connection, tag }, Ok(_)) => {
                 if tag != 0 {
                     self.answer(connection, tag, &Event::Saved {});
                 }
-                self.go_on(connection, number);
+                self.go_on(connection, number, bytes);
             }
             (Purpose::Reload { connection, tag }, Ok(Stored::Written)) => {
                 self.refuse(connection, tag, RefusalCode::Storage);
-                self.go_on(connection, number);
+                self.go_on(connection, number, bytes);
             }
             (
                 Purpose::Reload { connection, tag } | Purpose::Acknowledge { connection, tag },
@@ -120,7 +173,7 @@ impl ServerCore {
                     open.torn = true;
                 }
                 self.refuse(connection, tag, RefusalCode::Storage);
-                self.go_on(connection, number);
+                self.go_on(connection, number, bytes);
             }
         }
         self.settle();
@@ -183,10 +236,12 @@ impl ServerCore {
     }
 
     /// A connection's request was answered: if its commands waited, they go on.
-    fn go_on(&mut self, id: ConnectionId, number: u64) {
+    fn go_on(&mut self, id: ConnectionId, number: u64, bytes: usize) {
         let Some(connection) = self.connections.get_mut(id) else { return };
-        if !connection.desk.answered(number) {
-            connection.desk.unsaved = connection.desk.unsaved.saturating_sub(1);
+        let desk = &mut connection.desk;
+        if !desk.answered(number) {
+            desk.unsaved = desk.unsaved.saturating_sub(1);
+            desk.unsaved_bytes = desk.unsaved_bytes.saturating_sub(bytes);
         }
         self.enqueue_if_ready(id);
     }
@@ -215,13 +270,15 @@ impl ServerCore {
         work: StoreWork,
         purpose: Purpose,
     ) {
-        let number = self.storing.ask(name, work, purpose);
+        let bytes = self.store_bytes(name, &work);
+        let number = self.storing.ask(name, work, purpose, bytes);
         let synchronous = self.is_synchronous(id);
         if let Some(connection) = self.connections.get_mut(id) {
             if synchronous {
                 connection.desk.answers_wait_for(number);
             } else {
                 connection.desk.unsaved += 1;
+                connection.desk.unsaved_bytes += bytes;
             }
         }
     }

@@ -1,7 +1,7 @@
 //! Watches: what there is, then what changes. A watch remembers a number and no more; the database knows what
 //! changed after it. So a watcher that reads slowly hears of each variable's newest value, and costs nothing.
 
-use super::super::super::database::{DatabaseName, Watcher};
+use super::super::super::database::{DatabaseName, PairDatabase, Watcher};
 use super::super::super::definition::Encoded;
 use super::super::super::error::RefusalCode;
 use super::super::super::limits::WATCHES_PER_FLOW_MAX;
@@ -10,6 +10,16 @@ use super::super::{ConnectionId, ServerCore};
 use super::access::Access;
 use crate::testing::{Bug, is_planted};
 use std::sync::Arc;
+
+/// What there is to be told next.
+pub(in super::super) enum Next<T> {
+    /// This.
+    Now(T),
+    /// It will be found out in another turn.
+    Later,
+    /// Nothing.
+    Nothing,
+}
 
 /// One watch of a flow.
 #[derive(Debug)]
@@ -145,16 +155,24 @@ impl ServerCore {
         }
     }
 
-    /// The next frame of this connection's watches, one of each in turn.
-    pub(in super::super) fn next_news(&mut self, id: ConnectionId) -> Option<Encoded> {
+    /// The next frame of this connection's watches, one of each in turn. So many changes are gone through at most;
+    /// then others have their turn.
+    pub(in super::super) fn next_news(&mut self, id: ConnectionId, looks: &mut usize) -> Option<Encoded> {
         let desk = &mut self.connections.get_mut(id)?.desk;
         while let Some(tag) = desk.news.pop_front() {
             let Some(watch) = desk.watches.iter_mut().find(|watch| watch.tag == tag) else { continue };
-            let event = self.databases.open(&watch.database).and_then(|open| watch.next(&open.pairs));
-            watch.in_turn = event.is_some();
-            if let Some(event) = event {
-                desk.news.push_back(tag);
-                return Some(event.encode(tag, Flags::NONE));
+            let open = self.databases.open(&watch.database);
+            match open.map_or(Next::Nothing, |open| watch.next(&open.pairs, looks)) {
+                Next::Nothing => watch.in_turn = false,
+                Next::Now(event) => {
+                    desk.news.push_back(tag);
+                    return Some(event.encode(tag, Flags::NONE));
+                }
+                Next::Later => {
+                    desk.news.push_back(tag);
+                    self.enqueue(id);
+                    return None;
+                }
             }
         }
         None
@@ -163,47 +181,48 @@ impl ServerCore {
 
 impl Watch {
     /// What is to be told next, if anything.
-    fn next(&mut self, pairs: &super::super::super::database::PairDatabase) -> Option<Event> {
+    fn next(&mut self, pairs: &PairDatabase, looks: &mut usize) -> Next<Event> {
         if let Stage::All { after, until } = &mut self.stage {
             if let Some((key, value)) = pairs.iter(&self.prefix, after.as_deref()).next() {
                 let sequence = pairs.changed(key).unwrap_or(*until);
                 *after = Some(key.clone());
-                return Some(Event::Changed {
-                    sequence,
-                    key: key.to_string(),
-                    value: sendable(value, self.form),
-                });
+                let (key, value) = (key.to_string(), sendable(value, self.form));
+                return Next::Now(Event::Changed { sequence, key, value });
             }
             self.cursor = *until;
             self.stage = Stage::Following;
-            return Some(Event::Watching { sequence: self.cursor, whole: 1 });
+            return Next::Now(Event::Watching { sequence: self.cursor, whole: 1 });
         }
         if !pairs.knows_since(self.cursor) {
             // So much was deleted that it is not known any more what, or the number is of another run. All that there is follows, so that the
             // watcher finds out what is gone; with 0 he knows nothing that he could go on from until then.
             self.stage = Stage::All { after: None, until: pairs.sequence() };
-            return Some(Event::Watching { sequence: 0, whole: 0 });
+            return Next::Now(Event::Watching { sequence: 0, whole: 0 });
         }
         while let Some(change) = pairs.change_after(self.cursor) {
             if let Stage::Missed { until } = self.stage
                 && change.sequence > until
             {
-                return Some(self.caught_up(until));
+                return Next::Now(self.caught_up(until));
             }
+            if *looks == 0 {
+                return Next::Later;
+            }
+            *looks -= 1;
             self.cursor = change.sequence;
             let forgotten = is_planted(Bug::WatchForgotten) && change.sequence.is_multiple_of(4);
             if forgotten || !change.key.starts_with(&*self.prefix) {
                 continue;
             }
             let (sequence, key) = (change.sequence, change.key.to_owned());
-            return Some(match change.value {
+            return Next::Now(match change.value {
                 Some(value) => Event::Changed { sequence, key, value: sendable(value, self.form) },
                 None => Event::Deleted { sequence, key },
             });
         }
         match self.stage {
-            Stage::Missed { until } => Some(self.caught_up(until)),
-            Stage::All { .. } | Stage::Following => None,
+            Stage::Missed { until } => Next::Now(self.caught_up(until)),
+            Stage::All { .. } | Stage::Following => Next::Nothing,
         }
     }
 

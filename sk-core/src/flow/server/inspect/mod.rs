@@ -7,24 +7,31 @@ use super::super::channel::{Channel, Owner};
 use super::super::error::RefusalCode;
 use super::super::limits;
 use super::super::report::{
-    ChannelReport, CountsReport, CreditReport, FlowReport, FlowsReport, GraphChannel, GraphReport, HubReport,
-    SubscriberReport,
+    ChannelReport, CountsReport, CreditReport, DatagramsReport, FlowReport, FlowsReport, GraphChannel,
+    GraphReport, HubReport, SubscriberReport,
 };
 use super::super::{ChannelRef, Event, Form, Right, Value};
 use super::channels::audience::{Subscriber, Subscribers};
-use super::{ConnectionId, ServerCore};
+use super::{ConnectionId, DatagramCounts, ServerCore};
 use sk_flat::{IntoVariant, Name, SkVariant};
 
 /// How many entries one answer lists. What is beyond is counted.
 const ENTRIES_MAX: usize = 1000;
+
+fn datagrams(port: u16, counts: DatagramCounts) -> DatagramsReport {
+    let DatagramCounts { taken, unknown, forged, replayed, malformed } = counts;
+    DatagramsReport { port, taken, unknown, forged, replayed, malformed }
+}
 
 impl ServerCore {
     pub(super) fn inspect(&mut self, id: ConnectionId, tag: u32, subject: &str, form: Form) {
         if !self.may_inspect(id, subject) {
             return self.refuse(id, tag, RefusalCode::Denied);
         }
-        let report = match subject.trim() {
-            "graph" => Ok(self.graph_for(id).into_variant()),
+        let mut words = subject.split_whitespace();
+        let report = match (words.next(), words.next(), words.next()) {
+            (Some("graph"), None, _) => Ok(self.graph_for(id).into_variant()),
+            (Some("channel"), Some(name), None) => self.channel_for(id, name).map(IntoVariant::into_variant),
             _ => self.report(subject),
         };
         let told = report.and_then(|report| Value::new(&report).map_err(|_| RefusalCode::TooLong));
@@ -37,7 +44,7 @@ impl ServerCore {
     }
 
     /// What is about names is for those who may list them; what is about everybody, for those who may list all. Of
-    /// the graph everyone is told the part that he may list.
+    /// the graph, and of those around a channel, everyone is told the part that he may list.
     fn may_inspect(&self, id: ConnectionId, subject: &str) -> bool {
         let Some(connection) = self.connections.get(id) else { return false };
         let rights = &connection.rights;
@@ -89,6 +96,7 @@ impl ServerCore {
             bytes_kept: self.kept as u64,
             spurious: self.spurious,
             late_fragments: self.late_fragments,
+            datagrams: self.udp_port().map(|port| datagrams(port, self.datagram_counts())),
             limits: [
                 ("connections", limits::CONNECTIONS_MAX as u64),
                 ("connections without login", limits::UNAUTHENTICATED_MAX as u64),
@@ -96,7 +104,7 @@ impl ServerCore {
                 ("channels of a flow", limits::CHANNELS_PER_FLOW_MAX as u64),
                 ("subscriptions of a flow", limits::SUBSCRIPTIONS_PER_FLOW_MAX as u64),
                 ("bytes waiting for a connection", limits::CONNECTION_BYTES_MAX as u64),
-                ("bytes waiting in all", limits::HUB_BYTES_MAX as u64),
+                ("bytes waiting in all", self.budget.max() as u64),
                 ("bytes of a message", limits::MESSAGE_BYTES_MAX as u64),
             ]
             .map(named)
@@ -212,6 +220,18 @@ impl ServerCore {
             channel.repeats = channel.repeats.take().filter(|source| listed(source));
         }
         graph
+    }
+
+    /// A channel without the names around it that this connection may not list.
+    fn channel_for(&self, id: ConnectionId, name: &str) -> Result<ChannelReport, RefusalCode> {
+        let mut report = self.channel_report(name)?;
+        let listed = |name: &str| self.is_allowed(id, Right::List, name);
+        let told = report.subscribers.len();
+        report.subscribers.retain(|subscriber| listed(&subscriber.flow));
+        report.left_out += (told - report.subscribers.len()) as u32;
+        report.repeats = report.repeats.take().filter(|source| listed(source));
+        report.repeated_by.retain(|replica| listed(replica));
+        Ok(report)
     }
 
     fn graph_channel(&self, known: &Channel, beside: &Subscribers, subscribers: Vec<String>) -> GraphChannel {

@@ -6,8 +6,8 @@ use super::super::channel::{Channel, Owner};
 use super::super::error::{ProtocolError, RefusalCode};
 use super::super::fragment::{Gathered, Pieces, cut, joined};
 use super::super::limits::{
-    DEADLINE_DEFAULT, DEADLINE_MAX, FRAGMENT_BYTES_MAX, MESSAGE_BYTES_MAX, REQUESTS_PER_ASKER_MAX,
-    REQUESTS_PER_OWNER_MAX, TEXT_BYTES_MAX,
+    DEADLINE_DEFAULT, DEADLINE_MAX, FRAGMENT_BYTES_MAX, ITEM_OVERHEAD_BYTES, MESSAGE_BYTES_MAX,
+    REQUESTS_PER_ASKER_MAX, REQUESTS_PER_OWNER_MAX, TEXT_BYTES_MAX,
 };
 use super::super::{ChannelKind, ChannelRef, Event, Flags, Message as _, Properties, Right};
 use super::connection::incoming::{Call, Incoming};
@@ -80,6 +80,7 @@ impl ServerCore {
         flags: Flags,
         piece: CallPiece,
     ) -> Result<(), ProtocolError> {
+        self.make_room_for_fragment(id, flags, piece.payload.len());
         let Some(connection) = self.connections.get_mut(id) else { return Ok(()) };
         let bytes_max = connection.inbound.message_bytes_max();
         // A tag has one message at a time, so the message's id is the tag.
@@ -98,13 +99,17 @@ impl ServerCore {
             Gathered::Aborted => {
                 connection.calls.remove(&tag);
             }
-            Gathered::Overfull => {
-                connection.gathering.forget(Incoming::Call(tag));
-                connection.calls.remove(&tag);
-                self.refuse(id, tag, RefusalCode::Full);
-            }
+            Gathered::Overfull => self.give_up_call(id, tag),
         }
         Ok(())
+    }
+
+    /// There is no room for a call that is coming in.
+    pub(super) fn give_up_call(&mut self, id: ConnectionId, tag: u32) {
+        let Some(connection) = self.connections.get_mut(id) else { return };
+        connection.gathering.forget(Incoming::Call(tag));
+        connection.calls.remove(&tag);
+        self.refuse(id, tag, RefusalCode::Full);
     }
 
     /// What can be said against a call when it begins.
@@ -178,7 +183,12 @@ impl ServerCore {
         pieces: Pieces,
     ) -> Result<(), RefusalCode> {
         let Some(owner) = owner else {
-            self.serving.insert(request);
+            let charged = self.budget.charge(length(&pieces) + ITEM_OVERHEAD_BYTES);
+            if self.budget.is_over() {
+                return Err(RefusalCode::TooManyRequests);
+            }
+            // It is held until it is answered.
+            self.serving.insert(request, charged);
             let payload = joined(pieces);
             self.notices.push_back(Notice::Request { channel, request, asker, payload });
             return Ok(());
@@ -188,7 +198,7 @@ impl ServerCore {
             return Err(RefusalCode::TooLong);
         }
         let kind = Kind::Request { channel, request: request.wire(), asker: asker.wire() };
-        if !connection.output.talk(Talk::new(kind, pieces)) {
+        if !connection.output.talk(Talk::new(kind, pieces, &self.budget)) {
             return Err(RefusalCode::TooManyRequests);
         }
         connection.serving.insert(request);
@@ -209,6 +219,7 @@ impl ServerCore {
             return Err(ProtocolError::BadValue { kind: "answer", field: "more", value: more.into() });
         }
         let request = RequestId::from_wire(wire);
+        self.make_room_for_fragment(id, flags, payload.len());
         let Some(connection) = self.connections.get_mut(id) else { return Ok(()) };
         if !connection.serving.contains(&request) {
             self.unmatched_answers += u64::from(flags.has(Flags::LAST));
@@ -266,7 +277,10 @@ impl ServerCore {
         if length(&pieces) > connection.inbound.message_bytes_max() {
             return self.end_request(id, Some((RefusalCode::TooLong, None)));
         }
-        if !connection.output.talk(Talk::new(Kind::Reply { tag, more }, pieces)) {
+        if !connection
+            .output
+            .talk(Talk::new(Kind::Reply { tag, more }, pieces, &self.budget))
+        {
             // An answer that found no room must not be missing in silence.
             return self.end_request(id, Some((RefusalCode::Full, None)));
         }
@@ -300,7 +314,7 @@ impl ServerCore {
 
     /// Ends a request before its last answer: the asker hears why, unless it has gone or given it up; the owner
     /// hears that it is over, if it has heard of it at all.
-    fn end_request(&mut self, id: RequestId, refusal: Option<(RefusalCode, Option<String>)>) {
+    pub(super) fn end_request(&mut self, id: RequestId, refusal: Option<(RefusalCode, Option<String>)>) {
         let Some(request) = self.forget_request(id) else { return };
         let declined = matches!(refusal, Some((RefusalCode::Declined, _)));
         if let Some((code, text)) = refusal {
@@ -347,11 +361,13 @@ impl ServerCore {
 
     /// A service is gone: everybody who waits for it is told now.
     pub(super) fn end_requests_to(&mut self, channel: ChannelRef, owner: Owner) {
-        let serving = match owning_flow(&self.connections, owner) {
-            Some(owner) => self.connections.get(owner).map(|owner| &owner.serving),
-            None => Some(&self.serving),
+        let open: Vec<RequestId> = match owning_flow(&self.connections, owner) {
+            Some(owner) => {
+                let serving = self.connections.get(owner).map(|owner| &owner.serving);
+                serving.into_iter().flatten().copied().collect()
+            }
+            None => self.serving.keys().copied().collect(),
         };
-        let open: Vec<RequestId> = serving.into_iter().flatten().copied().collect();
         for request in open {
             if self.requests.get(request).is_some_and(|open| open.channel == channel) {
                 let told = !is_planted(Bug::OwnerGoneUntold);
@@ -410,7 +426,7 @@ impl ServerCore {
         if payload.len() > MESSAGE_BYTES_MAX {
             return Err(RefusalCode::Full);
         }
-        if !self.serving.contains(&request) {
+        if !self.serving.contains_key(&request) {
             self.unmatched_answers += 1;
             return Ok(false);
         }
@@ -422,7 +438,7 @@ impl ServerCore {
     /// Declines a request to a service of the hub's own; the text, up to 255 bytes of it, goes to the asker.
     /// Answers `false` if nobody waits any more.
     pub fn decline_own(&mut self, request: RequestId, text: &str) -> bool {
-        if !self.serving.contains(&request) {
+        if !self.serving.contains_key(&request) {
             self.unmatched_answers += 1;
             return false;
         }
@@ -435,7 +451,7 @@ impl ServerCore {
 
     /// Whether a request to a service of the hub's own waits for its answer.
     pub fn is_asked(&self, request: RequestId) -> bool {
-        self.serving.contains(&request)
+        self.serving.contains_key(&request)
     }
 
     /// The first deadline of an open request.

@@ -92,7 +92,7 @@ fn s89_the_right_password_logs_in_and_everything_else_is_closed_alike() {
 fn a_connection_has_one_attempt_and_its_messages_come_in_order() {
     let first = || Command::LoginScram { message: ClientExchange::new("ada", &[2; 32]).first() };
     let last = || Command::LoginScramProof { message: "c=biws,r=x,p=AAAA".into() };
-    let bad = || Command::LoginScram { message: "p=tls-exporter,,n=ada,r=x".into() };
+    let bad = || Command::LoginScram { message: "p=tls-unique,,n=ada,r=x".into() };
     let token = || Command::LoginToken { proof: OwnerToken::new([7; 32]).client_proof(&[2; 32], &[1; 32]) };
     let cases = [
         vec![last()],
@@ -301,4 +301,22 @@ fn no_command_reaches_the_database_of_the_accounts() {
     }
     let listed = robot.ask(&mut owner, &Command::DbList { prefix: "hub".into() });
     assert_eq!(listed, [Event::ListEnd { count: 0 }]);
+}
+
+#[test]
+fn an_account_has_so_many_connections_and_no_more_and_others_still_find_a_place() {
+    let mut hub = hub();
+    for user in ["ada", "bob"] {
+        hub.add_account(name(user), verifier());
+    }
+    let of_ada: Vec<Raw> = (0..CONNECTIONS_PER_ACCOUNT_MAX).map(|_| log_in(&mut hub, "ada")).collect();
+    let (refused, last) = try_log_in(&mut hub, "ada", &KEYS);
+    assert_eq!(last, closed(ClosingReason::Crowded));
+    assert_eq!(ending(&mut hub, refused.id), Some(Ending::Closed(ClosingReason::Crowded)));
+    log_in(&mut hub, "bob");
+    Raw::flow(&mut hub, OWNER);
+    hub.left(of_ada[0].id, at(0));
+    log_in(&mut hub, "ada");
+    let (_, last) = try_log_in(&mut hub, "ada", &KEYS);
+    assert_eq!(last, closed(ClosingReason::Crowded));
 }

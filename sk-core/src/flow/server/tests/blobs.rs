@@ -469,3 +469,23 @@ fn a_tag_that_begins_twice_is_dishonest_and_late_fragments_are_dropped() {
     owner.send_flagged(&mut robot.hub, 5, Flags::FIRST, &write(b"a"));
     assert!(matches!(ending(&mut robot.hub, owner.id), Some(Ending::Spurious(_))));
 }
+
+#[test]
+fn so_many_pieces_may_be_begun_at_once_and_no_more() {
+    let mut robot = Robot::new();
+    let mut owner = Raw::flow(&mut robot.hub, OWNER);
+    let channel = robot.create(&mut owner, "maps");
+    let write = |offset| Command::BlobWrite { channel, path: path("a"), offset, payload: content(1) };
+    let begin = |robot: &mut Robot, owner: &mut Raw, tag| {
+        owner.send_flagged(&mut robot.hub, tag, Flags::FIRST, &write(0));
+        refusal(&owner.read(&mut robot.hub), tag)
+    };
+    let many = BLOB_REQUESTS_PER_CONNECTION_MAX as u32;
+    for tag in 1..=many {
+        assert_eq!(begin(&mut robot, &mut owner, tag), None, "{tag}");
+    }
+    assert_eq!(begin(&mut robot, &mut owner, many + 1), Some(RefusalCode::TooManyRequests));
+    owner.send_flagged(&mut robot.hub, 1, Flags::LAST, &write(0));
+    assert_eq!(begin(&mut robot, &mut owner, many + 2), None, "one has ended");
+    assert_eq!(robot.hub.spurious(), 0);
+}

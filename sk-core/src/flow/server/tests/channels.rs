@@ -186,3 +186,46 @@ fn a_connections_id_is_never_reused() {
     hub.receive(first.id, b"late bytes", at(0));
     assert_eq!(hub.spurious(), 0);
 }
+
+#[test]
+fn whoever_announces_much_waits_and_nobody_loses_his_connection_by_it() {
+    let mut hub = hub();
+    let mut json = Raw::synchronous(&mut hub, OWNER);
+    json.send(
+        &mut hub,
+        1,
+        &Command::SetAsync { name: String::new(), session: [0; 16], form: Form::Json },
+    );
+    json.read(&mut hub);
+    let mut loud = Raw::flow(&mut hub, OWNER);
+    let channel = loud.create(&mut hub, "imu");
+    // As JSON it is six times as long.
+    let text = "\u{1}".repeat(16_000);
+    let properties = with_properties([("doc", text.as_str().into())]);
+    for _ in 0..100 {
+        loud.send(&mut hub, 5, &Command::ChangeHeader { channel, properties: properties.clone() });
+    }
+    while hub.work(at(0)) {}
+    assert!(!hub.wants_input(loud.id), "it waits");
+    let mut told = 0;
+    for check in 1..=100 {
+        let events = messages(json.read(&mut hub));
+        assert!(
+            !events.iter().any(|event| matches!(event, Event::Closing { .. })),
+            "it reads at its leisure"
+        );
+        told += events
+            .iter()
+            .filter(|event| matches!(event, Event::HeaderChanged { .. }))
+            .count();
+        assert!(told <= check * (ANNOUNCED_BYTES_MAX / 96_000 + 1), "so much at a time");
+        if told == 100 {
+            break;
+        }
+        hub.tick(at(250 * check as u64));
+        while hub.work(at(250 * check as u64)) {}
+    }
+    assert_eq!(told, 100);
+    assert_eq!(tagged(&loud.read(&mut hub), 5).len(), 100, "and is answered");
+    assert!(hub.wants_input(loud.id));
+}

@@ -391,3 +391,31 @@ fn s107_anybody_with_the_right_finds_out_what_there_is() {
     let channels = reader.ask(&mut hub, &Command::DbList { prefix: "chan:".into() });
     assert_eq!(channels.len(), 2);
 }
+
+#[test]
+fn nothing_is_kept_of_what_somebody_had_selected_who_left_or_had_it_taken_away() {
+    let mut hub = hub();
+    let mut owner = Raw::flow(&mut hub, OWNER);
+    for name in ["arm", "leg"] {
+        owner.ask(&mut hub, &Command::DbCreate { database: name.into(), durable: 0 });
+    }
+    let mut raws = [(); 3].map(|()| Raw::synchronous(&mut hub, OWNER));
+    for raw in &mut raws {
+        for name in ["arm", "leg", "leg"] {
+            let selected = raw.ask(&mut hub, &Command::DbSelect { database: name.into() });
+            assert_eq!(selected, [Event::DatabaseSelected { database: name.into() }]);
+        }
+    }
+    assert_eq!(hub.selected.len(), 3, "each has one");
+    raws[0].ask(&mut hub, &Command::DbSelect { database: "none".into() });
+    hub.left(raws[1].id, at(0));
+    owner.ask(&mut hub, &Command::DbRemove { database: "arm".into() });
+    for raw in raws.iter_mut().step_by(2) {
+        assert_eq!(messages(raw.read(&mut hub)), [], "nobody has that any more");
+    }
+    owner.ask(&mut hub, &Command::DbRemove { database: "leg".into() });
+    assert_eq!(messages(raws[0].read(&mut hub)), []);
+    let none = Event::DatabaseSelected { database: String::new() };
+    assert_eq!(messages(raws[2].read(&mut hub)), [none]);
+    assert_eq!(hub.selected.len(), 0);
+}

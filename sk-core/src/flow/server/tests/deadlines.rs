@@ -97,6 +97,23 @@ fn when_too_many_wait_for_their_login_the_oldest_of_the_busiest_address_goes() {
 }
 
 #[test]
+fn a_host_with_many_addresses_counts_as_one_when_somebody_has_to_go() {
+    let mut hub = hub();
+    let honest = Raw::open(&mut hub, Origin::Network([10, 0, 0, 1].into()));
+    hub.now = at(1);
+    let storm: Vec<_> = (1..UNAUTHENTICATED_MAX as u16)
+        .map(|host| {
+            let address = std::net::Ipv6Addr::new(0x2001, 0xdb8, 0, 1, 0, 0, 0, host);
+            Raw::open(&mut hub, Origin::Network(address.into()))
+        })
+        .collect();
+    Raw::open(&mut hub, OWNER);
+    while hub.take(storm[0].id).is_some() {}
+    assert_eq!(ending(&mut hub, storm[0].id), Some(Ending::Closed(ClosingReason::Crowded)));
+    assert!(hub.connection(honest.id).is_some(), "who came before them stays");
+}
+
+#[test]
 fn at_shutdown_everyone_is_told_and_what_waited_is_counted() {
     let mut hub = hub();
     let mut owner = Raw::flow(&mut hub, OWNER);

@@ -206,3 +206,42 @@ fn two_satellites_talk_through_the_hub() {
     settle(&mut talker, &mut hearer);
     assert_eq!(talker.publish(channel, Bytes::from_static(b"x")), Ok(false), "nobody listens");
 }
+
+#[test]
+fn when_unfinished_messages_hold_too_much_in_all_those_give_way_who_hold_most() {
+    let mut hub = hub();
+    let piece = Bytes::from(vec![7; FRAGMENT_BYTES_MAX]);
+    let send = |hub: &mut ServerCore, raw: &Raw, channel, flags| {
+        let publish = Command::Publish { channel, message: 1, payload: piece.clone() };
+        hub.accept(raw.id, publish.encode(9, flags), hub.now);
+        while hub.work(hub.now) {}
+    };
+    let mut honest = Raw::flow(&mut hub, OWNER);
+    let light = honest.create(&mut hub, "light");
+    let mut listener = Raw::flow(&mut hub, OWNER);
+    listener.subscribe(&mut hub, light);
+    send(&mut hub, &honest, light, Flags::FIRST);
+    let many = MESSAGE_BYTES_MAX / FRAGMENT_BYTES_MAX - 8;
+    let mut hoarders: Vec<Raw> = (0..UNFINISHED_BYTES_MAX_IN_ALL / UNFINISHED_BYTES_MAX + 1)
+        .map(|index| {
+            let mut raw = Raw::flow(&mut hub, OWNER);
+            for half in ["left", "right"] {
+                let channel = raw.create(&mut hub, &format!("heavy{index}.{half}"));
+                send(&mut hub, &raw, channel, Flags::FIRST);
+                (1..many).for_each(|_| send(&mut hub, &raw, channel, Flags::NONE));
+                assert!(hub.unfinished.used() <= UNFINISHED_BYTES_MAX_IN_ALL);
+            }
+            raw
+        })
+        .collect();
+    let mut full = |raw: &mut Raw| refusal(&raw.read(&mut hub), 0) == Some(RefusalCode::Full);
+    let gave_way = hoarders.iter_mut().map(&mut full).filter(|full| *full).count();
+    assert_eq!(gave_way, 1, "one was enough");
+    send(&mut hub, &honest, light, Flags::LAST);
+    let heard = listener.heard(&mut hub, light);
+    assert_eq!(heard.len(), 1, "who ends his messages is heard");
+    for raw in &hoarders {
+        hub.left(raw.id, at(0));
+    }
+    assert_eq!((hub.unfinished.used(), hub.spurious()), (0, 0));
+}

@@ -28,6 +28,7 @@ mod sync;
 mod udp;
 mod watches;
 
+use super::super::error::RefusalCode;
 use super::super::limits::*;
 use super::super::satellite::{Credentials, SatelliteCore, SatelliteEvent};
 use super::super::{
@@ -266,8 +267,19 @@ fn tagged(events: &[Tagged<Event>], tag: u32) -> Vec<Event> {
     events
         .iter()
         .filter(|event| event.tag == tag)
-        .map(|event| event.message.clone())
+        .map(|event| in_usual_words(event.message.clone()))
         .collect()
+}
+
+/// In which words a code is said to whom has tests of its own. What an owner says who declines is not touched.
+fn in_usual_words(event: Event) -> Event {
+    match event {
+        Event::Refused { code, .. } if code != RefusalCode::Declined.code() => {
+            let text = RefusalCode::from_code(code).map_or_else(String::new, |code| code.to_string());
+            Event::Refused { code, text }
+        }
+        event => event,
+    }
 }
 
 fn messages(events: Vec<Tagged<Event>>) -> Vec<Event> {

@@ -62,6 +62,49 @@ fn a_stuck_listener_that_must_not_miss_any_is_ended_at_its_budget_of_bytes() {
     assert_eq!(hub.bytes_waiting(), 0, "and nothing waits for it any more");
 }
 
+/// A client that takes messages of at most 1,000 bytes, until its login.
+fn small(hub: &mut ServerCore) -> Raw {
+    let mut raw = Raw::open(hub, OWNER);
+    let (version, version_oldest) = (VERSION, VERSION_OLDEST);
+    let (fragment_bytes, message_bytes, nonce) = (256, 1000, [2; 32]);
+    let hello =
+        Command::Hello { magic: MAGIC, version, version_oldest, fragment_bytes, message_bytes, nonce };
+    raw.send(hub, 1, &hello);
+    raw.send(hub, 1, &Command::LoginPeer {});
+    raw.read(hub);
+    raw
+}
+
+#[test]
+fn a_message_longer_than_its_receiver_takes_is_not_sent_to_it_and_counted() {
+    let mut hub = hub();
+    let mut owner = Raw::flow(&mut hub, OWNER);
+    let channel = owner.create(&mut hub, "log");
+    let [mut tolerant, mut strict, mut poller] = [(); 3].map(|()| small(&mut hub));
+    for (raw, policy) in [(&mut tolerant, Policy::Latest), (&mut strict, Policy::All)] {
+        raw.send(&mut hub, 1, &set_async());
+        raw.read(&mut hub);
+        raw.subscribe_as(&mut hub, channel, policy, 9);
+    }
+    assert_eq!(poller.ask(&mut hub, &Command::PollRegister { channel }), [Event::Done {}]);
+    for (length, fits) in [(999, true), (1000, true), (1001, false)] {
+        owner.publish(&mut hub, channel, Bytes::from(vec![7; length]));
+        let heard = tolerant.heard(&mut hub, channel);
+        assert_eq!(heard.iter().map(Vec::len).collect::<Vec<_>>(), [length][..usize::from(fits)], "{length}");
+        let latest = poller.ask(&mut hub, &Command::Poll { channel });
+        assert_eq!(matches!(latest.last(), Some(Event::Latest { .. })), fits, "{length}: {latest:?}");
+        assert_eq!(matches!(latest[0], Event::Refused { .. }), !fits);
+    }
+    assert_eq!(hub.totals().dropped[DropReason::Full as usize], 2);
+    let last = messages(strict.read(&mut hub)).pop();
+    let queue_full = ClosingReason::QueueFull.code();
+    assert!(
+        matches!(last, Some(Event::Closing { reason, .. }) if reason == queue_full),
+        "it may miss none"
+    );
+    assert!(hub.totals().balance() && hub.connection(tolerant.id).is_some());
+}
+
 /// Listeners that do not read, until the hub's budget is used up but for less than one message.
 fn crowd(hub: &mut ServerCore, policy: Policy) -> (Raw, ChannelRef, Vec<Raw>, Bytes) {
     let mut owner = Raw::flow(hub, OWNER);

@@ -78,3 +78,34 @@ fn a_connection_that_ends_polls_no_more_and_a_channel_that_goes_is_gone() {
     poller.send(&mut hub, 3, &Command::PollRegister { channel });
     assert_eq!(refusal(&poller.read(&mut hub), 3), Some(RefusalCode::Gone));
 }
+
+#[test]
+fn a_connection_that_becomes_a_flow_polls_no_more_and_its_place_can_be_taken() {
+    let mut hub = hub();
+    let mut owner = Raw::flow(&mut hub, OWNER);
+    let channel = owner.create(&mut hub, "imu");
+    let mut session = [0; 16];
+    for nonce in [101, 102, 103] {
+        let id = hub.open(OWNER, [nonce; 32], at(0)).expect("a place");
+        let mut poller = Raw { id, inbound: Inbound::new() };
+        for command in
+            [Raw::hello(FRAGMENT_BYTES_MAX as u32), Command::LoginPeer {}, Command::PollRegister { channel }]
+        {
+            poller.send(&mut hub, 1, &command);
+        }
+        poller.read(&mut hub);
+        owner.publish(&mut hub, channel, Bytes::from_static(b"new"));
+        owner.read(&mut hub);
+        assert!(hub.kept > 0, "the newest is kept for it");
+        let begins = Command::SetAsync { name: "arm".into(), session, form: Form::Binary };
+        poller.send(&mut hub, 2, &begins);
+        let begun = tagged(&poller.read(&mut hub), 2);
+        let Some(Event::FlowBegun { session: own, .. }) = begun.last() else { panic!("{begun:?}") };
+        session = *own;
+        assert_eq!(messages(owner.read(&mut hub)), [Event::StopPublishing { channel }]);
+        assert_eq!(hub.kept, 0, "nobody can ask for it any more");
+    }
+    hub.close_channel(channel);
+    hub.tick(at(2000));
+    assert_eq!((hub.kept, hub.bytes_waiting()), (0, 0));
+}

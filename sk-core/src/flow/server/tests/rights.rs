@@ -3,6 +3,8 @@
 use super::accounts::{flow_of, log_in, name, verifier};
 use super::*;
 use crate::flow::Value;
+use crate::flow::report::ChannelReport;
+use sk_flat::FromVariant as _;
 
 /// A hub with the owner's flow, and accounts without rights.
 pub(super) fn hub_with(users: &[&str]) -> (ServerCore, Raw) {
@@ -121,6 +123,32 @@ fn s93_only_owners_and_administrators_of_a_name_remove_its_channel() {
     assert_eq!(ada.ask(&mut hub, &Command::UserList {}), denied());
     let own = Command::DbSelect { database: "user:bob".into() };
     assert_eq!(ada.ask(&mut hub, &own), denied());
+}
+
+#[test]
+fn an_administrator_of_a_channel_who_has_no_other_right_hears_of_it_and_of_its_end() {
+    let (mut hub, mut owner) = hub_with(&["ada"]);
+    let (imu, gps) = (owner.create(&mut hub, "imu"), owner.create(&mut hub, "gps"));
+    let mut ada = flow_of(&mut hub, "ada");
+    grant(&mut hub, &mut owner, "ada", "administer", &["robot.imu"]);
+    assert_eq!(added(&ada.read(&mut hub)), ["robot.imu"]);
+    let removed = ada.ask(&mut hub, &Command::RemoveChannel { channel: imu });
+    assert_eq!(removed, [Event::ChannelRemoved { channel: imu }], "whoever asks is answered");
+    owner.ask(&mut hub, &Command::RemoveChannel { channel: gps });
+    assert_eq!(messages(ada.read(&mut hub)), [], "others are none of its business");
+}
+
+#[test]
+fn who_may_administer_some_names_may_not_administer_all() {
+    let (mut hub, mut owner) = hub_with(&["ada"]);
+    let ada = flow_of(&mut hub, "ada");
+    grant(&mut hub, &mut owner, "ada", "administer", &["ada.*"]);
+    let may = |hub: &ServerCore, name| hub.has_right(ada.id.wire(), Right::Administer, name);
+    assert!(may(&hub, "ada.imu") && !may(&hub, "robot.modules"));
+    grant(&mut hub, &mut owner, "ada", "administer", &["robot.modules"]);
+    assert!(may(&hub, "robot.modules") && !may(&hub, "robot.imu"));
+    hub.left(ada.id, at(0));
+    assert!(!may(&hub, "robot.modules"), "a former connection may nothing");
 }
 
 #[test]
@@ -329,4 +357,23 @@ fn the_hub_tells_of_itself_what_the_asker_may_list() {
     assert!(text.contains("robot.imu") && !text.contains("robot.gps"), "{text}");
     grant(&mut hub, &mut owner, "ada", "list", &["*"]);
     assert_ne!(ada.ask(&mut hub, &inspect("flows")), denied());
+}
+
+#[test]
+fn of_those_around_a_channel_the_hub_tells_what_the_asker_may_list() {
+    let (mut hub, mut owner) = hub_with(&["ada"]);
+    let [imu, copy] = ["imu", "copy"].map(|name| owner.create(&mut hub, name));
+    owner.ask(&mut hub, &Command::Attach { replica: copy, source: imu });
+    Raw::flow(&mut hub, OWNER).subscribe(&mut hub, imu);
+    let mut ada = log_in(&mut hub, "ada");
+    for (patterns, around) in [(&["robot.imu"][..], false), (&["robot.*"][..], true)] {
+        grant(&mut hub, &mut owner, "ada", "list", patterns);
+        let subject = "channel robot.imu".to_owned();
+        let told = ada.ask(&mut hub, &Command::Inspect { subject, form: Form::Binary });
+        let [Event::Value { value }] = &told[..] else { panic!("{told:?}") };
+        let told = ChannelReport::from_variant(&value.variant()).expect("it is what the type reads");
+        let some = usize::from(around);
+        assert_eq!((told.repeated_by.len(), told.subscribers.len()), (some, some), "{patterns:?}");
+        assert_eq!(told.left_out, u32::from(!around));
+    }
 }

@@ -466,3 +466,23 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn nothing_follows_the_closing_of_one_who_has_a_long_answer_before_him() {
+    let mut hub = hub();
+    let mut owner = Raw::flow(&mut hub, OWNER);
+    let service = owner.serve(&mut hub, "maps");
+    let mut asker = Raw::flow(&mut hub, OWNER);
+    asker.call(&mut hub, 5, service, b"all of it");
+    let request = owner.request(&mut hub);
+    let payload = Bytes::from(vec![7; FRAGMENT_BYTES_MAX]);
+    for flags in [Flags::FIRST, Flags::NONE, Flags::NONE, Flags::NONE, Flags::LAST] {
+        let answer = Command::Answer { request, more: 0, payload: payload.clone() };
+        owner.send_flagged(&mut hub, 0, flags, &answer);
+    }
+    assert_eq!(asker.read_one(&mut hub).len(), 1, "the answer has begun");
+    hub.shut_down(at(0));
+    let events = messages(asker.read(&mut hub));
+    assert!(matches!(events.last(), Some(Event::Closing { .. })), "{} events", events.len());
+    assert!(hub.connection(asker.id).is_none(), "and that is the end");
+}

@@ -8,8 +8,18 @@ fn named(name: &str, session: Session) -> Command {
 
 /// A flow, and what it was told when it began.
 fn begin(hub: &mut ServerCore, nonce: u8, name: &str, session: Session) -> (Raw, Vec<Tagged<Event>>) {
+    begin_from(OWNER, hub, nonce, name, session)
+}
+
+fn begin_from(
+    origin: Origin,
+    hub: &mut ServerCore,
+    nonce: u8,
+    name: &str,
+    session: Session,
+) -> (Raw, Vec<Tagged<Event>>) {
     // Other than those of all other tests' connections: a session is made of the nonce.
-    let id = hub.open(OWNER, [100 + nonce; 32], hub.now).expect("a place");
+    let id = hub.open(origin, [100 + nonce; 32], hub.now).expect("a place");
     let mut raw = Raw { id, inbound: Inbound::new() };
     for command in [Raw::hello(FRAGMENT_BYTES_MAX as u32), Command::LoginPeer {}, named(name, session)] {
         raw.send(hub, 1, &command);
@@ -41,6 +51,19 @@ fn a_name_is_given_to_one_flow_at_a_time_and_who_is_refused_stays_synchronous() 
     hub.left(first.id, at(0));
     second.send(&mut hub, 4, &named("arm", [0; 16]));
     assert_eq!(begun(&second.read(&mut hub)).0, "robot.arm", "it is free again");
+}
+
+#[test]
+fn who_is_inside_and_cannot_come_back_gets_a_name_beside_one_that_is_taken() {
+    let mut hub = hub();
+    let inside = Origin::Inside { rights: Rights::ALL };
+    let (first, events) = begin_from(inside, &mut hub, 1, "modules.arm", [0; 16]);
+    assert_eq!(begun(&events).0, "robot.modules.arm");
+    let (second, events) = begin_from(inside, &mut hub, 2, "modules.arm", [0; 16]);
+    assert_eq!(begun(&events).0, format!("robot.modules.arm-{}", second.id.wire()));
+    hub.left(first.id, at(0));
+    let (_, events) = begin_from(inside, &mut hub, 3, "modules.arm", [0; 16]);
+    assert_eq!(begun(&events).0, "robot.modules.arm", "it is free again");
 }
 
 #[test]
@@ -102,7 +125,13 @@ fn who_proves_the_session_takes_the_place_of_a_half_open_flow_and_nothing_waitin
         })
         .collect();
     assert_eq!(numbers, [1, 2, 3], "what was not taken whole comes anew");
-    assert!(other.read(&mut hub).is_empty(), "nobody else hears of it");
+    let told: Vec<Event> = other.read(&mut hub).into_iter().map(|event| event.message).collect();
+    let owner = new.id.wire();
+    assert_eq!(
+        told,
+        [mine, latched].map(|channel| Event::OwnerChanged { channel, owner }),
+        "nobody else hears of more than whose its channels are"
+    );
     let mut closing = old.read_rest(&mut hub, frame / 2);
     assert!(
         matches!(closing.pop(), Some(Event::Closing { reason, .. }) if reason == ClosingReason::Replaced.code())

@@ -1,12 +1,14 @@
 //! Databases on a disk: acknowledged when it has them, there again after the hub's end, refused when it fails.
 
+use super::accounts::{flow_of, name, verifier};
 use super::*;
 use crate::flow::Value;
 use crate::flow::database::disk::Store;
 use crate::flow::database::{
-    DatabaseName, DatabaseStore, StoreAnswer, StoreFailure, StoreRequest, StoreWork, Stored,
+    DatabaseName, DatabaseStore, Saved, StoreAnswer, StoreFailure, StoreRequest, StoreWork, Stored,
 };
 use crate::world::SimulatedStorage;
+use sk_flat::IntoVariant as _;
 use std::sync::Arc;
 
 fn number(number: i64) -> Value {
@@ -372,4 +374,99 @@ fn a_connection_that_waits_for_a_slow_disk_is_not_taken_for_silent() {
     }
     robot.work();
     assert_eq!(tagged(&raw.read(&mut robot.hub), 5), [Event::Saved {}]);
+}
+
+#[test]
+fn what_is_in_memory_after_its_saved_form_was_removed_goes_to_the_disk_whole_with_the_next_change() {
+    let mut robot = Robot::new();
+    let mut raw = Raw::flow(&mut robot.hub, OWNER);
+    robot.ask(&mut raw, &select("user:robot"));
+    for (key, value) in [("a", 1), ("b", 2)] {
+        assert_eq!(robot.ask(&mut raw, &set(key, value)), [Event::Saved {}]);
+    }
+    let remove = Command::DbRemove { database: "user:robot".into() };
+    assert_eq!(robot.ask(&mut raw, &remove), [Event::Saved {}]);
+    assert_eq!(robot.ask(&mut raw, &set("c", 3)), [Event::Saved {}]);
+    let mut robot = robot.die_and_return();
+    let mut raw = Raw::flow(&mut robot.hub, OWNER);
+    robot.ask(&mut raw, &select("user:robot"));
+    for (key, value) in [("a", 1), ("b", 2), ("c", 3)] {
+        assert_eq!(robot.ask(&mut raw, &get(key)), [Event::Value { value: number(value) }], "{key}");
+    }
+}
+
+#[test]
+fn for_whom_a_database_is_not_nothing_is_brought_from_the_disk() {
+    let mut robot = Robot::new();
+    let mut raw = Raw::flow(&mut robot.hub, OWNER);
+    robot.durable_database(&mut raw, "arm");
+    let mut robot = robot.die_and_return();
+    robot.hub.add_account(name("ada"), verifier());
+    let mut owner = Raw::flow(&mut robot.hub, OWNER);
+    robot.ask(&mut owner, &select("user:ada"));
+    let value = Value::new(&SkVariant::list(["ada.*"])).expect("small");
+    let grant = Command::VarSet { key: "right.database_read".into(), value };
+    assert_eq!(robot.ask(&mut owner, &grant), [Event::Saved {}]);
+    let mut ada = flow_of(&mut robot.hub, "ada");
+    let (database, prefix) = ("arm".to_owned(), String::new());
+    let watch = Command::Watch { database, prefix, after: 0, form: Form::Binary };
+    assert_eq!(ada.ask(&mut robot.hub, &watch), refused(RefusalCode::Denied));
+    assert!(!robot.hub.has_store_requests());
+    for known in ["arm", "not-there"] {
+        assert_eq!(ada.ask(&mut robot.hub, &select(known)), refused(RefusalCode::Denied), "{known}");
+    }
+}
+
+#[test]
+fn a_flow_that_writes_more_than_the_disk_takes_waits_at_four_mebibytes() {
+    let mut robot = Robot::new();
+    let mut writer = Raw::flow(&mut robot.hub, OWNER);
+    robot.durable_database(&mut writer, "arm");
+    let value = Value::new(&vec![7_u8; 1_000_000].into_variant()).expect("less than a mebibyte");
+    for tag in 1..=9 {
+        let set = Command::VarSet { key: "map".into(), value: value.clone() };
+        for part in set.encode(tag, Flags::NONE).to_vec().chunks(FRAGMENT_BYTES_MAX) {
+            robot.hub.receive(writer.id, part, at(0));
+        }
+    }
+    assert!(!robot.hub.wants_input(writer.id));
+    let many = UNSAVED_BYTES_PER_FLOW_MAX.div_ceil(1_000_000);
+    assert_eq!(robot.hub.unanswered_store_requests(), many);
+    assert_eq!(robot.work(), many);
+    assert!(robot.work() > 0, "the rest comes of itself");
+    while robot.work() > 0 {}
+    let answers = writer.read(&mut robot.hub);
+    assert!((1..=9).all(|tag| tagged(&answers, tag) == [Event::Saved {}]));
+}
+
+#[test]
+fn whole_databases_are_not_loaded_all_at_once() {
+    let mut hub = hub();
+    let large = |account: &str| Saved {
+        account: account.into(),
+        durable: false,
+        keys: 10,
+        bytes: LOADING_BYTES_MAX * 2 / 3,
+    };
+    let parse = |text| DatabaseName::parse(text).expect("a name");
+    hub.keep_databases([(parse("arm"), large("ada")), (parse("leg"), large("bob"))]);
+    let mut raws = ["arm", "leg"].map(|name| {
+        let mut raw = Raw::flow(&mut hub, OWNER);
+        raw.ask(&mut hub, &select(name));
+        raw.send(&mut hub, 5, &get("x"));
+        raw
+    });
+    let first = hub.next_store_request().expect("the first is wanted");
+    assert!(
+        !hub.has_store_requests() && hub.next_store_request().is_none(),
+        "the second waits its turn"
+    );
+    let nothing = || Ok(Stored::Contents(Some(Vec::new())));
+    hub.stored(StoreAnswer { number: first.number, outcome: nothing() }, at(0));
+    let second = hub.next_store_request().expect("now there is room");
+    hub.stored(StoreAnswer { number: second.number, outcome: nothing() }, at(0));
+    while hub.work(at(0)) {}
+    for raw in &mut raws {
+        assert_eq!(refusal(&raw.read(&mut hub), 5), Some(RefusalCode::NoSuchVariable), "it was answered");
+    }
 }

@@ -295,3 +295,30 @@ fn a_watched_flow_that_goes_ends_the_watch_and_nobody_is_told_after_he_left() {
     hub.left(arm.id, at(0));
     assert_eq!(tagged(&stays.read(&mut hub), 79), [Event::WatchOver {}]);
 }
+
+#[test]
+fn a_watch_with_much_to_pass_over_takes_turns_with_others() {
+    let mut hub = hub();
+    let mut writer = writer(&mut hub);
+    let mut watcher = Raw::flow(&mut hub, OWNER);
+    let first = watcher.ask(&mut hub, &watch("gain.", 0));
+    let Some(Event::Watching { sequence, .. }) = first.last() else { panic!("{first:?}") };
+    watcher.ask(&mut hub, &Command::Unwatch { watch: 79 });
+    for number in 0..8000 {
+        writer.ask(&mut hub, &set(&format!("noise.{number}"), 1));
+    }
+    writer.ask(&mut hub, &set("gain.p", 1));
+    let mut heard = watcher.ask(&mut hub, &watch("gain.", *sequence));
+    assert_eq!(heard, [], "8,000 changes are too many for one turn");
+    let mut turns = 0;
+    while !matches!(heard.last(), Some(Event::Watching { .. })) {
+        assert!(hub.has_work(), "it goes on by itself");
+        hub.work(at(0));
+        turns += 1;
+        heard.extend(tagged(&watcher.read(&mut hub), 79));
+    }
+    assert!(
+        turns > 1 && matches!(&heard[0], Event::Changed { key, .. } if key == "gain.p"),
+        "{heard:?}"
+    );
+}

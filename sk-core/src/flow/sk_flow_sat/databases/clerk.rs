@@ -173,7 +173,10 @@ impl Clerk {
 
     pub(super) fn unwatch(&mut self, core: Option<&mut SatelliteCore>, name: &Rc<str>, prefix: &str) {
         let removed = self.entries.get_mut(name).and_then(|entry| entry.watches.remove(prefix));
-        if let (Some(core), Some(Watched { tag: Some(watch), .. })) = (core, removed)
+        let Some(Watched { tag: Some(watch), .. }) = removed else { return };
+        // What still comes of it is of no interest any more.
+        self.sent.remove(&watch);
+        if let Some(core) = core
             && let Ok(tag) = core.database(&Command::Unwatch { watch })
         {
             self.sent.insert(tag, (name.clone(), Sent::Quiet));
@@ -210,6 +213,25 @@ impl Clerk {
     pub(in super::super) fn introduce(&mut self, key: &str, variant: &SkVariant) {
         if let Ok(value) = Value::new(variant) {
             self.own.insert(key.to_owned(), value);
+        }
+    }
+
+    /// The same for this connection too, if it is something new. What finds no room is told with the next.
+    pub(in super::super) fn tell(
+        &mut self,
+        core: Option<&mut SatelliteCore>,
+        key: &str,
+        variant: &SkVariant,
+    ) {
+        let Ok(value) = Value::new(variant) else { return };
+        if self.own.get(key).is_some_and(|known| known.encoded() == value.encoded()) {
+            return;
+        }
+        self.own.insert(key.to_owned(), value.clone());
+        let core = core.filter(|core| core.is_ready());
+        if core.is_some() && self.waiting.len() + self.sent.len() < COMMANDS_WAITING_MAX {
+            self.waiting.push_back((OWN.into(), Order::Tell(key.to_owned(), value)));
+            self.go_on(core);
         }
     }
 

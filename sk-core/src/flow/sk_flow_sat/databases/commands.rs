@@ -23,8 +23,9 @@ impl Handle<SkFlowSat> {
         self.database_object(cx, name)
     }
 
-    /// The satellite's own database, in which others see its values, its loop's interval (`pulse.interval_ms`) and
-    /// mode (`pulse.mode`) among them. It goes with the connection; what was set here is set again in the next.
+    /// The satellite's own database, in which others see its values, among them its loop's interval
+    /// (`pulse.interval_ms`) and mode (`pulse.mode`), and once a second how late its ticks came and how long its
+    /// rounds took (`pulse.statistics`). It goes with the connection; what was set here is set again in the next.
     ///
     /// # Errors
     /// If the satellite is gone.

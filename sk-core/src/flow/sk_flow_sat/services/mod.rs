@@ -5,6 +5,7 @@ mod call;
 pub use call::{Answer, Call, CallError};
 
 use super::SkFlowSat;
+use super::closing::remove_or_give_up;
 use crate::Cx;
 use crate::flow::limits::{DEADLINE_DEFAULT, DEADLINE_MAX};
 use crate::flow::satellite::{SatelliteCore, SatelliteError, SatelliteEvent};
@@ -37,6 +38,14 @@ pub(super) struct Services {
 }
 
 impl Services {
+    pub(super) fn serves(&self, name: &str) -> bool {
+        self.serving.contains_key(name)
+    }
+
+    pub(super) fn object(&self, name: &str) -> Option<Handle<Service>> {
+        self.serving.get(name).map(|serving| serving.object)
+    }
+
     /// Asks for the service of this name, if it is served and its channel is not there.
     pub(super) fn open_if_missing(&self, core: &mut SatelliteCore, name: &str) {
         if let Some(serving) = self.serving.get(name).filter(|known| known.channel.is_none())
@@ -107,14 +116,14 @@ impl SkFlowSat {
     }
 
     /// A service was buried.
-    fn withdraw(&mut self, cx: &mut Cx, object: Handle<Service>, name: &str) {
+    pub(super) fn withdraw(&mut self, cx: &mut Cx, object: Handle<Service>, name: &str) {
         if self.services.serving.get(name).is_none_or(|serving| serving.object != object) {
             return;
         }
         let withdrawn = self.services.serving.remove(name);
-        if let (Some(channel), Some(core)) = (withdrawn.and_then(|serving| serving.channel), &mut self.core) {
+        if let Some(core) = &mut self.core {
             // Refused where there is no room to say so: then the link is about to break anyway.
-            let _ = core.remove(channel);
+            let _ = remove_or_give_up(core, name, withdrawn.and_then(|serving| serving.channel));
         }
         self.flush_later(cx);
     }

@@ -3,12 +3,14 @@
 use super::settings::{TlsError, TlsIdentity, TlsTrust};
 use crate::world::{Endpoint, Stream};
 use rustls::pki_types::ServerName;
-use rustls::{ClientConnection, Connection, ServerConnection};
+use rustls::{CertificateError, ClientConnection, Connection, ProtocolVersion, ServerConnection};
 use std::io::{self, ErrorKind, IoSlice, Read, Write};
 use std::net::IpAddr;
 
 /// What may wait here to be sent: what a drop policy may still reach stays with the core.
 const WAITING_BYTES_MAX: usize = 64 * 1024;
+/// What RFC 9266 calls the bytes that a login is bound to.
+const EXPORTER_LABEL: &[u8] = b"EXPORTER-Channel-Binding";
 /// How many reads of the stream below one read here may make without a byte to show for it.
 const FRUITLESS_READS_MAX: usize = 16;
 
@@ -72,7 +74,7 @@ impl TlsStream {
         if let Err(error) = self.tls.process_new_packets() {
             // The peer hears why, if it takes anything.
             let _ = self.push();
-            return Err(io::Error::new(ErrorKind::InvalidData, error));
+            return Err(io::Error::new(ErrorKind::InvalidData, in_words(&error)));
         }
         Ok(count > 0)
     }
@@ -83,6 +85,19 @@ impl TlsStream {
             self.tls.write_tls(&mut Below(&mut *self.below))?;
         }
         self.below.flush()
+    }
+}
+
+/// What went wrong, for who chose the address and what to trust there.
+fn in_words(error: &rustls::Error) -> String {
+    match error {
+        rustls::Error::InvalidCertificate(CertificateError::ApplicationVerificationFailure) => {
+            "its certificate has another fingerprint than the one that is trusted".to_owned()
+        }
+        rustls::Error::InvalidCertificate(why) => format!("its certificate is not trusted: {why}"),
+        rustls::Error::InvalidMessage(why) => format!("no TLS is spoken there: {why:?}"),
+        rustls::Error::AlertReceived(why) => format!("the other end refused the TLS handshake: {why:?}"),
+        other => other.to_string(),
     }
 }
 
@@ -142,5 +157,13 @@ impl Stream for TlsStream {
 
     fn peer_uid(&self) -> Option<u32> {
         None
+    }
+
+    /// `tls-exporter` of RFC 9266. Of older versions than 1.3 it holds under conditions only.
+    fn channel_binding(&self) -> Option<[u8; 32]> {
+        if self.tls.is_handshaking() || self.tls.protocol_version() != Some(ProtocolVersion::TLSv1_3) {
+            return None;
+        }
+        self.tls.export_keying_material([0; 32], EXPORTER_LABEL, Some(&[])).ok()
     }
 }

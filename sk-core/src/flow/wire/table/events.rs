@@ -158,6 +158,11 @@ flow_table! {
         missed: u64 = "Ticks missed since the subscription began.",
         divisor: u8 = "Which ticks it gets now: every one, every second, every fourth.",
     }
+    /// Another connection owns a channel: its flow came back and took its own place again. Goes to every flow.
+    0x9f owner_changed OwnerChanged [Synchronous Flow] Nothing 1 whole {
+        channel: ChannelRef = "The channel.",
+        owner: u64 = "The connection that owns it now.",
+    }
     /// One fragment of a request; goes to the owner of the service.
     0xa0 request Request [Flow] Nothing 1 fragment {
         channel: ChannelRef = "The service channel.",

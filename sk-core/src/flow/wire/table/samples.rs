@@ -169,6 +169,7 @@ pub fn events(hub_proof: [u8; 32]) -> Result<Vec<Event>, VariantError> {
         Event::Credit { channel, bytes: 1 << 20 },
         Event::Tick { channel, sequence: 7 },
         Event::TickReport { channel, target: owner, lag_ns: 250_000, done: 99, missed: 1, divisor: 1 },
+        Event::OwnerChanged { channel, owner },
         Event::Request { channel, request: 5, asker: owner, payload: payload.clone() },
         Event::RequestOver { request: 5 },
         Event::Reply { more: 0, payload: payload.clone() },

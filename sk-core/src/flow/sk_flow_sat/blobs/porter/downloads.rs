@@ -4,6 +4,7 @@ use super::super::errands::Errand;
 use super::super::objects::FlowDownload;
 use super::{Porter, Sent, Told};
 use crate::flow::blob::BlobEntry;
+use crate::flow::limits::BLOB_READS_PER_CONNECTION_MAX;
 use crate::flow::satellite::SatelliteCore;
 use crate::flow::{Command, Path};
 use crate::object::Handle;
@@ -80,8 +81,14 @@ impl Download {
 }
 
 impl Porter {
+    /// So many ranges at once as a hub reads for one connection; the other downloads wait for their turn.
     pub(super) fn go_on_downloading(&mut self, core: &mut SatelliteCore) {
+        let reads = |download: &&Download| download.stage == Stage::Reading;
+        let mut reading = self.downloads.values().filter(reads).count();
         for (id, download) in &mut self.downloads {
+            if download.stage == Stage::Ready && reading >= BLOB_READS_PER_CONNECTION_MAX {
+                continue;
+            }
             let Some(channel) = core.channel(&download.channel).map(|info| info.channel) else { continue };
             let path = Path(download.path.clone());
             let (command, sent, stage) = match download.stage {
@@ -98,6 +105,7 @@ impl Porter {
             if let Ok(tag) = core.blob(&command) {
                 self.sent.insert(tag, sent);
                 download.stage = stage;
+                reading += usize::from(stage == Stage::Reading);
             }
         }
     }

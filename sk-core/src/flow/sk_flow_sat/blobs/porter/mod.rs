@@ -97,6 +97,28 @@ impl Porter {
         self.own.get(name).map(|own| own.object)
     }
 
+    pub(in super::super) fn has(&self, name: &str) -> bool {
+        self.own.contains_key(name)
+    }
+
+    /// The object of a name, and its channel if it is there.
+    pub(in super::super) fn channel_of(&self, name: &str) -> Option<(Handle<FlowBlob>, Option<ChannelRef>)> {
+        self.own.get(name).map(|own| (own.object, own.channel))
+    }
+
+    /// The channel is wanted no more: what was to be done in it is given up.
+    pub(in super::super) fn close(&mut self, name: &str) {
+        self.own.remove(name);
+        self.uploads.retain(|_, upload| *upload.blob != *name);
+    }
+
+    /// Asks for the channel of this name, if it is wanted and not there.
+    pub(in super::super) fn open_if_missing(&self, core: &mut SatelliteCore, name: &str) {
+        if let Some(own) = self.own.get(name).filter(|own| own.channel.is_none()) {
+            create(core, name, &own.properties);
+        }
+    }
+
     pub(super) fn add(
         &mut self,
         core: Option<&mut SatelliteCore>,
@@ -184,13 +206,6 @@ impl Porter {
     pub(in super::super) fn restore(&mut self, core: &mut SatelliteCore) {
         // Those that the hub kept have their channels already.
         for (name, own) in self.own.iter().filter(|(_, own)| own.channel.is_none()) {
-            create(core, name, &own.properties);
-        }
-    }
-
-    /// Asks for the blob channel of this name, if it is wanted and not there.
-    pub(in super::super) fn open_if_missing(&self, core: &mut SatelliteCore, name: &str) {
-        if let Some(own) = self.own.get(name).filter(|own| own.channel.is_none()) {
             create(core, name, &own.properties);
         }
     }

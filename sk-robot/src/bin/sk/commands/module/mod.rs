@@ -1,13 +1,15 @@
 //! `sk module`: the modules of the hub, by the service that the hub has for them; and a new one.
 
-use crate::arguments::{Arguments, ModuleNew, json as parse};
-use crate::call::{ask, said};
+mod new;
+
+use crate::arguments::{Arguments, json as parse};
+use crate::commands::call::{self, ask, said};
 use crate::names::missing;
 use crate::output::{json, safe};
 use crate::session::{Link, Visit};
 use crate::table::{facts, table};
-use crate::{call, module_new};
 use clap::{Args, Subcommand};
+use new::ModuleNew;
 use sk_core::flow::{Answer, ChannelKind};
 use sk_core::prelude::*;
 use sk_robot::module_service;
@@ -70,7 +72,7 @@ pub fn run(arguments: &Arguments, task: &Module) -> Result<(), String> {
         SkVariant::map(words.into_iter().chain(more.iter().cloned()))
     };
     let (request, within, shown): (SkVariant, Duration, Shown) = match task {
-        Module::New(task) => return module_new::run(task),
+        Module::New(task) => return new::run(task),
         Module::Ls => (SkVariant::map([("do", "list".into())]), WITHIN, listed),
         Module::Info(one) => (named("info", &one.module, &[]), WITHIN, told),
         Module::Start(one) => (named("start", &one.module, &[]), WITHIN, state),

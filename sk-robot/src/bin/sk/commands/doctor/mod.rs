@@ -1,12 +1,15 @@
 //! `sk doctor`: what keeps a hub from running, or from running well; a line for each check.
 
+mod finding;
+mod machine;
+
 use crate::arguments::Arguments;
-use crate::call::ask;
-use crate::machine;
-use crate::module;
-use crate::output::{json, safe, write};
+use crate::commands::call::ask;
+use crate::commands::module;
+use crate::output::{safe, write};
 use crate::session::{Link, Visit};
 use crate::table::span;
+use finding::{Finding, Mark};
 use sk_core::flow::report::HubReport;
 use sk_core::prelude::*;
 use sk_core::world::World;
@@ -14,52 +17,6 @@ use sk_flat::FromVariant;
 use sk_robot::places::Places;
 use std::cell::RefCell;
 use std::rc::Rc;
-
-/// How bad it is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Mark {
-    Ok,
-    Warn,
-    Fail,
-}
-
-/// What a check has found, and what to do about it.
-#[derive(Clone, Debug)]
-pub struct Finding {
-    mark: Mark,
-    what: &'static str,
-    says: String,
-    todo: String,
-}
-
-impl Finding {
-    pub fn new(mark: Mark, what: &'static str, says: String, todo: &str) -> Finding {
-        Finding { mark, what, says, todo: todo.to_owned() }
-    }
-
-    pub fn ok(what: &'static str, says: String) -> Finding {
-        Finding::new(Mark::Ok, what, says, "")
-    }
-
-    fn shown(&self, as_json: bool) -> Result<String, String> {
-        let mark = match self.mark {
-            Mark::Ok => "ok",
-            Mark::Warn => "warn",
-            Mark::Fail => "fail",
-        };
-        if as_json {
-            return json(&SkVariant::map([
-                ("mark", mark.into()),
-                ("check", self.what.into()),
-                ("says", self.says.as_str().into()),
-                ("todo", self.todo.as_str().into()),
-            ]));
-        }
-        let todo =
-            if self.todo.is_empty() { String::new() } else { format!("\n      {:15} → {}", "", self.todo) };
-        Ok(format!("{mark:4}  {:15}  {}{todo}\n", self.what, safe(&self.says)))
-    }
-}
 
 /// What is found while the hub is asked.
 type Findings = Rc<RefCell<Vec<Finding>>>;

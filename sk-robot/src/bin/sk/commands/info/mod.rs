@@ -1,5 +1,7 @@
 //! `sk info`: the hub, a channel, or a flow.
 
+mod pulse;
+
 use crate::arguments::Arguments;
 use crate::names::{meant, missing};
 use crate::output::{json, safe};
@@ -7,7 +9,8 @@ use crate::session::{Link, Visit};
 use crate::table::{bytes, facts, span, table};
 use clap::Args;
 use sk_core::flow::report::{
-    ChannelReport, CountsReport, FlowReport, FlowsReport, GraphReport, HubReport, SubscriberReport,
+    ChannelReport, CountsReport, DatagramsReport, FlowReport, FlowsReport, GraphReport, HubReport,
+    SubscriberReport,
 };
 use sk_core::prelude::*;
 use sk_flat::{FromVariant, IntoVariant, VariantError};
@@ -69,9 +72,24 @@ fn flow(cx: &mut Cx, link: Link, what: String, channels: Vec<String>, as_json: b
         link.hub.inspect(cx, "graph", move |cx, told| {
             let graph =
                 told.and_then(|told| GraphReport::from_variant(&told).map_err(|error| error.to_string()));
-            link.end(cx, graph.and_then(|graph| of_flow(&flow, &name, &graph, as_json)));
+            with_pulse(cx, link, &name.clone(), move |cx, pulse| {
+                link.end(cx, graph.and_then(|graph| of_flow(&flow, &name, &graph, &pulse, as_json)));
+            });
         });
     });
+}
+
+/// What a flow tells of its own pulse. Who may not read its database sees the rest.
+fn with_pulse(
+    cx: &mut Cx,
+    link: Link,
+    flow: &str,
+    then: impl FnOnce(&mut Cx, Vec<(String, SkVariant)>) + 'static,
+) {
+    match link.hub.database(cx, &format!("flow:{flow}")) {
+        Ok(database) => database.all(cx, pulse::PREFIX, |cx, told| then(cx, told.unwrap_or_default())),
+        Err(_) => then(cx, Vec::new()),
+    }
 }
 
 fn of_hub(told: &SkVariant) -> Result<String, VariantError> {
@@ -89,7 +107,24 @@ fn of_hub(told: &SkVariant) -> Result<String, VariantError> {
     if hub.spurious > 0 {
         rows.push(("spurious", format!("{} connections were ended for what they sent", hub.spurious)));
     }
+    if let Some(datagrams) = &hub.datagrams {
+        rows.push(("datagrams", datagram_counts(datagrams)));
+    }
     Ok(facts(&rows))
+}
+
+fn datagram_counts(datagrams: &DatagramsReport) -> String {
+    let mut text = format!("at port {}: {} taken", datagrams.port, datagrams.taken);
+    let refused = [
+        (datagrams.unknown, "of no session"),
+        (datagrams.forged, "forged"),
+        (datagrams.replayed, "replayed"),
+        (datagrams.malformed, "malformed"),
+    ];
+    for (count, what) in refused.into_iter().filter(|(count, _)| *count > 0) {
+        text += &format!(", {count} {what}");
+    }
+    text
 }
 
 fn counts(counts: &CountsReport) -> String {
@@ -156,7 +191,13 @@ fn of_channel(told: &SkVariant) -> Result<String, VariantError> {
     Ok(text)
 }
 
-fn of_flow(flow: &FlowReport, name: &str, graph: &GraphReport, as_json: bool) -> Result<String, String> {
+fn of_flow(
+    flow: &FlowReport,
+    name: &str,
+    graph: &GraphReport,
+    pulse: &[(String, SkVariant)],
+    as_json: bool,
+) -> Result<String, String> {
     let channels = graph.channels.iter();
     let owns: Vec<&str> = channels
         .clone()
@@ -170,11 +211,12 @@ fn of_flow(flow: &FlowReport, name: &str, graph: &GraphReport, as_json: bool) ->
         if let Some(map) = object.as_map_mut() {
             map.insert("owns".to_owned(), SkVariant::list(owns));
             map.insert("hears".to_owned(), SkVariant::list(hears));
+            map.extend(pulse.iter().cloned());
         }
         return json(&object);
     }
     let account = flow.account.as_deref().unwrap_or("nobody");
-    let rows = [
+    let mut rows = vec![
         ("flow", safe(name)),
         ("account", safe(account)),
         ("comes from", safe(&flow.origin)),
@@ -183,5 +225,6 @@ fn of_flow(flow: &FlowReport, name: &str, graph: &GraphReport, as_json: bool) ->
         ("owns", if owns.is_empty() { "no channel".to_owned() } else { safe(&owns.join(", ")) }),
         ("hears", if hears.is_empty() { "nothing".to_owned() } else { safe(&hears.join(", ")) }),
     ];
+    rows.extend(pulse::rows(pulse));
     Ok(facts(&rows))
 }

@@ -1,10 +1,22 @@
 //! `sk module new`: the skeleton of a module, a crate that builds, is tested and runs.
 
-use crate::arguments::ModuleNew;
+use clap::Args;
 use sk_flat::Name;
 use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+
+#[derive(Args, Debug)]
+pub struct ModuleNew {
+    /// What it is called: lower-case letters, digits, `_` and `-`
+    pub name: String,
+    /// The folder to write to; it must be empty or not be there [default: the name]
+    #[arg(long, value_name = "DIR")]
+    pub path: Option<PathBuf>,
+    /// The SpecialK sources to build with [default: those this tool was built from, else the published ones]
+    #[arg(long, value_name = "DIR")]
+    pub tree: Option<PathBuf>,
+}
 
 /// What a skeleton is made of: the file and its text.
 const FILES: [(&str, &str); 6] = [

@@ -1,15 +1,63 @@
 //! `sk user`: accounts and their rights.
 
-use crate::arguments::{Arguments, Granted, User};
+use crate::arguments::Arguments;
 use crate::output::{print, safe};
 use crate::password;
 use crate::session::{self, Link, Visit};
+use clap::{Args, Subcommand};
 use sk_core::flow::rights::{Pattern, RIGHT_PREFIX, read_right};
 use sk_core::flow::satellite::AccountInfo;
 use sk_core::flow::scram::Password;
 use sk_core::flow::{FlowDatabase, Right};
 use sk_core::prelude::*;
 use std::collections::BTreeSet;
+
+#[derive(Subcommand, Clone, Debug)]
+pub enum User {
+    /// Add an account; its password is asked for, or is a line of standard input
+    Add {
+        /// Its name: lower-case letters, digits, `_` and `-`
+        name: String,
+    },
+    /// Change the password of an account: asked for, or a line of standard input
+    Passwd {
+        /// Its name
+        name: String,
+    },
+    /// Give an account a right for some names
+    Grant(Granted),
+    /// Take a right for some names away again
+    Revoke(Granted),
+    /// Show the rights of an account
+    Rights {
+        /// Its name
+        name: String,
+    },
+    /// List the accounts
+    List,
+    /// Remove an account with its rights; its connections end
+    Remove {
+        /// Its name
+        name: String,
+    },
+}
+
+#[derive(Args, Clone, Debug)]
+pub struct Granted {
+    /// The account
+    pub name: String,
+    /// list, publish, subscribe, serve, call, blob_read, blob_write, database_read, database_write or administer
+    #[arg(value_parser = right)]
+    pub right: Right,
+    /// Names of channels or databases; one with `*` at its end is all names that begin so. To revoke without any is
+    /// to take all
+    pub patterns: Vec<Pattern>,
+}
+
+fn right(text: &str) -> Result<Right, String> {
+    let names: Vec<&str> = Right::ALL.into_iter().map(Right::name).collect();
+    Right::by_name(text).ok_or_else(|| format!("there are {}", names.join(", ")))
+}
 
 /// One command about accounts, on its way.
 struct Manager {

@@ -1,6 +1,6 @@
 //! What `sk doctor` finds on this machine, without a hub.
 
-use crate::doctor::{Finding, Mark};
+use super::finding::{Finding, Mark};
 use crate::table::{bytes, span};
 use nix::sys::resource::{Resource, getrlimit};
 use nix::sys::statvfs::statvfs;

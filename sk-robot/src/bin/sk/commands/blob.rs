@@ -1,14 +1,58 @@
 //! `sk blob`: what blob channels hold, files from them, and files to one.
 
-use crate::arguments::{Arguments, Blob, BlobGet, BlobPlace, BlobServe};
+use crate::arguments::Arguments;
 use crate::output::{print, safe};
 use crate::session::{Session, Visit};
+use clap::{Args, Subcommand};
 use sk_core::flow::blob::BlobEntry;
 use sk_core::flow::satellite::ChannelInfo;
 use sk_core::flow::{BlobProgress, ChannelKind, FlowBlob, SkFlowSat};
 use sk_core::prelude::*;
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
+
+#[derive(Subcommand, Debug)]
+pub enum Blob {
+    /// List a folder
+    Ls(BlobLook),
+    /// Tell the length and the checksum of a file
+    Stat(BlobLook),
+    /// Download a file; it appears when it is whole
+    Get(BlobGet),
+    /// Open a blob channel of your own, with what it held before and these files, until Ctrl-C
+    Serve(BlobServe),
+}
+
+#[derive(Args, Debug, Clone)]
+pub struct BlobPlace {
+    /// The channel, with or without the account: robot.maps or maps
+    pub channel: String,
+    /// The path inside it
+    #[arg(default_value = "")]
+    pub path: String,
+}
+
+#[derive(Args, Debug)]
+pub struct BlobLook {
+    #[command(flatten)]
+    pub place: BlobPlace,
+}
+
+#[derive(Args, Debug)]
+pub struct BlobGet {
+    #[command(flatten)]
+    pub place: BlobPlace,
+    /// Where to write it: a file or a folder [default: its name, here]
+    pub file: Option<PathBuf>,
+}
+
+#[derive(Args, Debug)]
+pub struct BlobServe {
+    /// The channel's name without the account
+    pub name: String,
+    /// Files to upload
+    pub files: Vec<PathBuf>,
+}
 
 /// What is to be done with a channel once it was found.
 enum Wish {
