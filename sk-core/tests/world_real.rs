@@ -185,8 +185,14 @@ fn running_out_of_descriptors_is_told_by_accept_and_passes() {
     let refused = listener.accept(Token(3)).err().unwrap();
     assert_eq!(refused.raw_os_error(), Some(libc::EMFILE));
     nix::sys::resource::setrlimit(nofile, soft, hard).unwrap();
-    // There is no second report of the connection that still waits: the owner has to try again.
-    listener.accept(Token(3)).unwrap();
+    // Who waited was turned away, so that he does not wait for nothing, and whoever comes next is let in.
+    assert_eq!(listener.accept(Token(3)).err().unwrap().kind(), ErrorKind::WouldBlock);
+    let _next = net.connect(&listener.local(), Token(4)).unwrap();
+    ready.clear();
+    while !told(&ready, Token(1)).0 {
+        net.wait(None, &mut ready).unwrap();
+    }
+    listener.accept(Token(5)).unwrap();
 }
 
 #[test]

@@ -216,7 +216,7 @@ impl BlobStore {
             // It may go on.
             return Err(RefusalCode::BadChecksum.into());
         }
-        if upload.hasher.clone().finalize() != upload.checksum && !is_planted(Bug::ResumeUnchecked) {
+        if upload.hasher.clone().finalize() != upload.checksum {
             self.discard(channel, path)?;
             return Err(RefusalCode::BadChecksum.into());
         }

@@ -66,16 +66,6 @@ impl UdpSession {
         self.lanes.remove(&channel);
     }
 
-    /// What is held of unfinished messages.
-    pub(in super::super) fn bytes(&self) -> usize {
-        self.gathering.bytes()
-    }
-
-    /// Gives all of them up; answers their channels.
-    pub(in super::super) fn give_up(&mut self) -> Vec<ChannelRef> {
-        self.gathering.give_up()
-    }
-
     /// Whether a whole message may be passed on: not if a newer one of its channel was, that overtook it on the other way.
     /// A channel that no datagram came for is only on one way.
     pub(super) fn takes(&mut self, channel: ChannelRef, message: u32) -> bool {
@@ -85,6 +75,16 @@ impl UdpSession {
             lane.taken = Some(message);
         }
         !is_older
+    }
+
+    /// What is held of unfinished messages.
+    pub(in super::super) fn bytes(&self) -> usize {
+        self.gathering.bytes()
+    }
+
+    /// Gives all of them up; answers their channels.
+    pub(in super::super) fn give_up(&mut self) -> Vec<ChannelRef> {
+        self.gathering.give_up()
     }
 
     /// The place of a fragment in its channel. A message that is given up holds no bytes any more.
