@@ -320,8 +320,7 @@ impl Draw {
                 let action = match self.below(8) {
                     0 => Action::TickNoMore,
                     1 => Action::FollowNoMore,
-                    // Ticks of the hub's own loop would be answered to that very loop, and each answer be the next one's cause.
-                    2..4 if !matches!(role, Role::Inside { thread: false, .. }) => Action::Tick,
+                    2..4 => Action::Tick,
                     _ => Action::Follow(other, divisor),
                 };
                 add(at_us, node, action);

@@ -336,3 +336,37 @@ fn s160_nothing_is_sent_while_nobody_follows_and_the_numbers_go_on() {
     assert!(report.is_own && report.missed == 0, "what came before it is none of its: {report:?}");
     assert!((100..300).contains(&report.done), "{report:?}");
 }
+
+/// In `SelectIo` whatever comes in makes a tick: the answers of those who follow must not cause the ticks that they
+/// answer.
+#[test]
+fn s160_the_answers_to_a_loop_in_select_io_are_no_ticks_of_its_clock() {
+    let simulation = Simulation::new(5);
+    let mut app = simulation.app_with(|settings| {
+        settings.mode = TimingMode::SelectIo;
+        settings.interval = INTERVAL;
+    });
+    let cx = app.cx();
+    let server = SkFlowServer::start(cx, hub_settings());
+    let at = server.listen(cx, &HubAddress::Unix("/hub".into())).unwrap();
+    let pipe = server.pipe(cx, sk_core::flow::Rights::ALL).unwrap();
+    let clock = SkFlowSat::inside(cx, pipe);
+    clock.sync_source(cx, "clock").unwrap();
+    let ticks = Ticks::default();
+    let heard = ticks.clone();
+    let thread = SkThread::new("target").mode(TimingMode::SelectIo).start(cx).unwrap();
+    thread
+        .build(move |cx| {
+            let hub = SkFlowSat::connect(cx, &at);
+            hub.sync_to(cx, "robot.clock", Divisor::Every).unwrap();
+            beat(cx, heard);
+        })
+        .unwrap();
+    simulation.run_for(&mut app, ms(1000));
+    ticks.lock().unwrap().clear();
+    simulation.run_for(&mut app, ms(1000));
+    let (ticks, possible) =
+        (ticks.lock().unwrap().len(), (ms(1000).as_nanos() / INTERVAL.as_nanos()) as usize);
+    assert!((possible / 2..=possible).contains(&ticks), "{ticks} ticks where {possible} are possible");
+    drop(thread);
+}

@@ -7,7 +7,7 @@ use crate::flow::ChannelRef;
 use crate::flow::satellite::{Divisor, SatelliteCore, SatelliteError, SatelliteEvent, TickReport};
 use crate::object::Handle;
 use crate::{Cx, attach, detach};
-use sk_flat::SkVariant;
+use sk_flat::{Instant, SkVariant};
 use std::io;
 use std::time::Duration;
 
@@ -43,6 +43,8 @@ struct Source {
     channel: Option<ChannelRef>,
     interval: Duration,
     sequence: u64,
+    /// The last tick that was one for others.
+    ticked: Option<Instant>,
 }
 
 struct Target {
@@ -74,14 +76,22 @@ impl SkFlowSat {
         }
         let this = cx.this(self);
         attach!(cx, cx.fast_zone().pulse => this.on_source_tick);
-        self.sync.source = Some(Source { name: name.to_owned(), channel: None, interval, sequence: 0 });
+        self.sync.source =
+            Some(Source { name: name.to_owned(), channel: None, interval, sequence: 0, ticked: None });
         self.flush_later(cx);
         Ok(())
     }
 
-    /// Every fast tick of the loop is numbered, whether somebody follows or not.
+    /// Every fast tick of the loop is numbered, whether somebody follows or not. In `SelectIo` traffic makes ticks of
+    /// its own: one that comes before its time is none for others, or the answers to it would cause the next one.
     pub(super) fn on_source_tick(&mut self, cx: &mut Cx) {
         let Some(source) = &mut self.sync.source else { return };
+        let (settings, now) = (cx.settings(), cx.now());
+        let is_early = source.ticked.is_some_and(|before| now.since(before) < settings.interval);
+        if is_early && settings.mode == TimingMode::SelectIo {
+            return;
+        }
+        source.ticked = Some(now);
         source.sequence += 1;
         if let (Some(core), Some(channel)) = (&mut self.core, source.channel) {
             // A tick that finds no room is missed, and its number tells.
@@ -280,7 +290,8 @@ fn source_properties(interval: Duration) -> SkVariant {
 impl Handle<SkFlowSat> {
     /// Makes this loop's fast tick the clock of others: it goes to the hub on a sync channel, now or as soon as
     /// there is a hub, and from there to every loop that follows it. A satellite is one source at most: another name
-    /// ends the former one. Nothing is sent while nobody follows.
+    /// ends the former one. Nothing is sent while nobody follows. Of a loop in `SelectIo`, which ticks whenever something
+    /// comes in, only ticks that are an interval or more apart are sent.
     ///
     /// # Errors
     /// If the name cannot be, or the satellite is gone.
