@@ -60,6 +60,8 @@ pub(crate) struct Ledger {
     pub(crate) may_not_publish: BTreeSet<u16>,
     /// Names of channels that repeated another one at some time, each with that one's.
     pub(crate) repeats: BTreeSet<(String, String)>,
+    /// Those of them that keep their last message.
+    pub(crate) latched_replicas: BTreeSet<String>,
     /// Names of channels that were published by datagrams at some time.
     pub(crate) by_udp: BTreeSet<String>,
     /// Subscriptions of nodes by the channels' names: whether they must not miss any message, and never were otherwise.
@@ -251,6 +253,7 @@ impl Ledger {
         let again = is_latched(origin.node, origin.channel);
         if let Some(last) = before
             && (stamp.sequence < last || stamp.sequence == last && !again)
+            && !self.kept_on_the_way(name, origin)
         {
             let text = format!("n{node} heard message {} of {name} after message {last}", stamp.sequence);
             self.complain(Rule::Order, text);
@@ -327,6 +330,15 @@ impl Ledger {
     }
 
     /// Whether a channel repeated that other one at some time, or one that repeated it.
+    /// Whether a message may have been kept by a channel between its own and the one on which it was heard: when that
+    /// one is repeated from then on, what it has kept is told, whatever came by other ways meanwhile.
+    fn kept_on_the_way(&self, name: &str, origin: Origin) -> bool {
+        let published_as = channel_name(origin.node, origin.channel);
+        self.latched_replicas.iter().any(|kept| {
+            *kept != published_as && self.may_repeat(name, kept) && self.may_repeat(kept, &published_as)
+        })
+    }
+
     fn may_repeat(&self, name: &str, source: &str) -> bool {
         let (mut reached, mut at) = (vec![name.to_owned()], 0);
         while let Some(replica) = reached.get(at).cloned() {

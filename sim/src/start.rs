@@ -177,8 +177,11 @@ fn keep_databases(cx: &mut Cx, server: Handle<SkFlowServer>) -> bool {
         }
     }
     let damage = opened.damage.as_ref();
+    // The disk may fail just now: then nobody can say what there is.
     if let Some(damage) = damage
-        && storage.open(&damage.set_aside, false).is_err()
+        && storage
+            .open(&damage.set_aside, false)
+            .is_err_and(|error| error.kind() == ErrorKind::NotFound)
     {
         let text = format!("the damaged store is not at {}", damage.set_aside.display());
         ledger::with(|ledger| ledger.complain(Rule::Kept, text));

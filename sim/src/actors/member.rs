@@ -105,7 +105,12 @@ impl Member {
             Action::Repeat(channel, node, source) => {
                 let (replica, source) = (channel_name(self.who.node, channel), channel_name(node, source));
                 if self.hub.repeat(cx, &own_name(self.who.node, channel), &source).is_ok() {
-                    ledger::with(|ledger| ledger.repeats.insert((replica, source)));
+                    ledger::with(|ledger| {
+                        if is_latched(self.who.node, channel) {
+                            ledger.latched_replicas.insert(replica.clone());
+                        }
+                        ledger.repeats.insert((replica, source));
+                    });
                 }
             }
             // Refused where there is no such channel, or it is no more.
