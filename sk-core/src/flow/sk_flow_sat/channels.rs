@@ -54,6 +54,10 @@ impl SkFlowSat {
         self.was_ready = true;
         let Some(core) = &mut self.core else { return };
         self.session = core.session();
+        // The hub may have said in the same breath that it ends: then all this is for the next one.
+        if !core.is_ready() {
+            return;
+        }
         for name in std::mem::take(&mut self.renounced) {
             if core.is_resumed() && !self.wanted.contains_key(&name) {
                 log_failure(&name, core.renounce(&name));
@@ -87,7 +91,7 @@ impl SkFlowSat {
         {
             own.latch_is_due = core.publish(channel, latched.clone()) != Ok(true);
         }
-        if tag == 0 && own.source.is_some() {
+        if tag == 0 && own.source.is_some() && core.is_ready() {
             // The hub may have kept the tie, or lost it with the source.
             log_failure(name, core.detach(channel));
         }
@@ -256,6 +260,9 @@ impl SkFlowSat {
 }
 
 fn attach_to_source(core: &mut SatelliteCore, name: &str, own: &Own) {
+    if !core.is_ready() {
+        return;
+    }
     let source = own.source.as_ref().and_then(|source| core.channel(source));
     if let (Some(source), Some(replica)) = (source.map(|info| info.channel), own.channel) {
         log_failure(name, core.attach(replica, source));
