@@ -3,7 +3,7 @@
 
 It publishes the joints and obeys packages of commands. `Body` stands where the kit's own object is.
 
-    SKROBOT_HUB=tcp:192.168.1.5:4141 python2 inside.py
+    SKROBOT_HUB=tcp:workstation:4141 python2 inside.py
 """
 from pysketch import Sketch
 

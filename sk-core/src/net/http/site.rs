@@ -176,7 +176,7 @@ mod tests {
         let mut site = Site { settings, ..Site::default() };
         site.pages
             .insert("/".into(), Page { kind: "text/html", body: Bytes::from_static(b"here") });
-        site.listens_at(&Endpoint::Ip("10.0.0.7:80".parse().expect("an address")));
+        site.listens_at(&Endpoint::Ip("192.0.2.7:80".parse().expect("an address")));
         site.listens_at(&Endpoint::Ip("0.0.0.0:80".parse().expect("an address")));
         site
     }
@@ -192,7 +192,7 @@ mod tests {
 
     #[test]
     fn t13_only_our_own_names_are_answered() {
-        for host in ["localhost", "LOCALHOST:4180", "127.0.0.1:1", "[::1]:4180", "[::1]", "10.0.0.7:80"] {
+        for host in ["localhost", "LOCALHOST:4180", "127.0.0.1:1", "[::1]:4180", "[::1]", "192.0.2.7:80"] {
             assert_eq!(status("GET /", &format!("Host: {host}\r\n")), 200, "{host}");
         }
         for host in ["evil.example", "localhost.evil.example", "127.0.0.1.evil.example:80", "0.0.0.0", "::1"]
