@@ -1,6 +1,6 @@
 //! A client that follows the ticks of a clock on a way without fault, and keeps an account of its own of how it does.
 
-use super::wire;
+use super::wire::{self, Heard};
 use crate::action::Action;
 use crate::identity::Identity;
 use crate::ledger;
@@ -123,15 +123,12 @@ impl Follower {
     }
 
     fn hear(&mut self, cx: &mut Cx) {
-        let mut room = [0; 16 * 1024];
         while let (Some(socket), Some(core)) = (self.socket, &mut self.core) {
-            let Ok(count @ 1..) = socket.read(cx, &mut room) else { break };
-            if let Err(error) = core.receive(&room[..count], cx.now()) {
-                let text = format!("n{}: the hub sent what no hub sends: {error}", self.who.node);
-                ledger::with(|ledger| ledger.complain(Rule::Honest, text));
-                return self.lose(cx);
+            match wire::hear(cx, core, socket, wire::ROOM, self.who.node) {
+                Heard::Nothing => break,
+                Heard::Something => self.take_events(cx),
+                Heard::Nonsense => return self.lose(cx),
             }
-            self.take_events(cx);
         }
         self.flush(cx);
     }

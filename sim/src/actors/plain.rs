@@ -1,11 +1,10 @@
 //! An honest client of another make: the protocol's core over a plain socket.
 
-use super::wire;
+use super::wire::{self, Heard};
 use crate::action::Action;
 use crate::channels::{is_reliable, properties_of};
 use crate::identity::Identity;
 use crate::ledger;
-use crate::rule::Rule;
 use crate::script::Way;
 use crate::stamp::{Origin, channel_name, own_name};
 use crate::wishes::Wishes;
@@ -225,16 +224,13 @@ impl Plain {
     }
 
     fn read(&mut self, cx: &mut Cx) {
-        let mut room = [0; 16 * 1024];
-        let most = if self.bytes_per_look == 0 { room.len() } else { self.bytes_per_look.min(room.len()) };
+        let most = if self.bytes_per_look == 0 { wire::ROOM } else { self.bytes_per_look };
         while let (Some(socket), Some(core)) = (self.socket, &mut self.core) {
-            let Ok(count @ 1..) = socket.read(cx, &mut room[..most]) else { return };
-            if let Err(error) = core.receive(&room[..count], cx.now()) {
-                let text = format!("n{}: the hub sent what no hub sends: {error}", self.who.node);
-                ledger::with(|ledger| ledger.complain(Rule::Honest, text));
-                return self.lose(cx);
+            match wire::hear(cx, core, socket, most, self.who.node) {
+                Heard::Nothing => return,
+                Heard::Something => self.take_events(cx),
+                Heard::Nonsense => return self.lose(cx),
             }
-            self.take_events(cx);
             if self.bytes_per_look != 0 {
                 return;
             }
