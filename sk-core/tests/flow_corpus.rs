@@ -1,30 +1,18 @@
 //! The committed seeds of the fuzz target `flow_frame`, run through the same property as plain tests.
 
-use std::fs;
-use std::path::Path;
+mod seeds;
 
 #[path = "../../fuzz/properties/flow.rs"]
 mod flow;
 
 #[test]
 fn both_sides_stand_whatever_the_seeds_hold_cut_short_or_with_a_bit_turned() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz/seeds/flow_frame");
-    let listed = fs::read_dir(&folder).unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
-    let mut paths: Vec<_> = listed.map(|entry| entry.expect("the folder can be listed").path()).collect();
-    paths.sort();
-    assert!(paths.len() >= 20, "a fuzzer needs a seed for each kind");
-    for path in paths {
-        // The test's output is shown when the property fails, and then names the seed.
-        println!("{}", path.display());
-        let seed = fs::read(&path).expect("a seed can be read");
-        flow::frames(&seed);
-        for cut in 0..seed.len() {
-            flow::frames(&seed[..cut]);
-        }
-        for bit in 0..seed.len().min(160) * 8 {
-            let mut turned = seed.clone();
-            turned[bit / 8] ^= 1 << (bit % 8);
-            flow::frames(&turned);
-        }
-    }
+    let trial = seeds::Trial {
+        target: "flow_frame",
+        seeds_min: 20,
+        cut_step: 1,
+        cut_bytes_max: usize::MAX,
+        turned_bytes_max: 160,
+    };
+    trial.run(flow::frames);
 }
